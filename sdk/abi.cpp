@@ -5,7 +5,7 @@
 #include <iterator>
 #include <optional>
 
-#include "common/asset/texture.h"
+#include "common/asset/asset.h"
 #include "common/core/clock.h"
 #include "common/surface/checks/check.h"
 #include "sdk/asset_cache.h"

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "common/asset/texture.h"
+#include "common/asset/asset.h"
 #include "common/reconstruction/reconstruct.h"
 #include "sdk/abi.h"
 #include "sdk/asset_cache.h"

@@ -9,7 +9,7 @@
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/format/manifest.h"
-#include "common/asset/tiles/basis_block.h"
+#include "common/asset/tiles/basis_tile.h"
 #include "common/core/worker_team.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/spectral/tangent_derivatives.h"

@@ -12,7 +12,6 @@
 #include "common/asset/asset.h"
 #include "common/asset/detail.h"
 #include "common/asset/format/encode.h"
-#include "common/asset/texture.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
 #include "common/progressive/wedges.h"

@@ -4,7 +4,7 @@
 #include <memory>
 #include <optional>
 
-#include "common/asset/texture.h"
+#include "common/asset/asset.h"
 #include "common/core/result.h"
 #include "view/picture.h"
 

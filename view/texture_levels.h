@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "common/asset/texture.h"
+#include "common/asset/asset.h"
 
 namespace eigencast {
 

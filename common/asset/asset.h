@@ -2,20 +2,45 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "common/core/bytes.h"
 #include "common/core/result.h"
 
 namespace eigencast {
 
-struct AssetTexture;
-
 /// Vertices of a triangle.
 using Corners = std::array<std::uint32_t, 3>;
+
+/// How an image lies on the faces of a surface. A wedge is a UV of a vertex; along seams a vertex has several. Wedges
+/// are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the wedge that is found
+/// from its own by following `parent` until it is below first_wedge[N], and that is a wedge of the vertex that the
+/// corner then has. So both sides of a seam stay apart at every level.
+struct AssetTexture {
+  static constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
+  static constexpr std::array<std::uint16_t, 2> kNone{65535, 65535};  ///< A wedge that is not in the image.
+
+  std::vector<std::uint32_t> first_wedge;         ///< n + 1.
+  std::vector<std::array<std::uint16_t, 2>> uvs;  ///< W: on a grid of 65535 steps from low to high (65534: high).
+  std::array<float, 2> low{0, 0}, high{1, 1};
+  std::vector<std::uint32_t> parent;  ///< W: a wedge of map[i] for those of i >= q; itself below q.
+  std::vector<Corners> corners;       ///< F: the wedges of each face's corners.
+  Bytes image;                        ///< A PNG or JPEG file.
+
+  /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond
+  /// it repeats. REQUIRES: uvs[wedge] != kNone.
+  std::array<float, 2> uv(std::uint32_t wedge) const;
+  /// Whether low and high are finite (at most 1e30) and in order.
+  bool has_finite_box() const;
+};
+
+/// The step of the grid from low to high that is nearest. REQUIRES: low <= value <= high.
+std::uint16_t texture_grid(float value, float low, float high);
 
 /// What an asset's manifest states of it.
 struct AssetFacts {
@@ -95,17 +120,15 @@ struct Asset : AssetFacts {
   bool complete() const { return vertex_count > 0 && rows_ready == vertex_count; }
 };
 
-/// Checks n, r, q and F: not empty, within asset_limits.h. Errors: kCorrupt, kTooLarge.
+// Errors of all: kCorrupt, naming the first offender; kTooLarge (over asset_limits.h).
+
+/// Checks n, r, q and F.
 Result<void> check_counts(const AssetFacts& facts);
-
-/// check_counts, bands, finite numbers, lengths of texts. Errors: as above.
+/// check_counts, bands, finite numbers, lengths of texts.
 Result<void> check_facts(const AssetFacts& facts);
-
-/// Checks a finished asset: shapes, ranges, permutation, map[i] < i, death ascending, finite numbers, the limits of
-/// asset_limits.h. Errors: kCorrupt, naming the first offender; kTooLarge.
+/// Checks a finished asset: shapes, ranges, permutation, map[i] < i, death ascending, finite numbers.
 Result<void> validate_asset(const Asset& asset);
-
-/// Checks a texture against its finished asset. Errors: kCorrupt, naming the first offender; kTooLarge (image).
+/// Checks a texture against its finished asset.
 Result<void> validate_texture(const AssetTexture& texture, const Asset& asset);
 
 }  // namespace eigencast

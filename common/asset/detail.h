@@ -3,10 +3,12 @@
 
 #include <array>
 #include <cmath>
+#include <string>
 #include <string_view>
 
 #include "common/asset/asset.h"
 #include "common/core/result.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 
@@ -17,11 +19,21 @@ enum class DetailKind {
   kNormal,  ///< x_i = b_i + (d_i . n_i at rest) n_i, along the normal of what the basis holds: the paper's.
   kFrames,  ///< x_i = b_i + R_i d_i, R_i the rotation nearest to how the surface round i has turned since rest.
 };
-/// "none", "normal", "frames". Errors: kInvalidArgument.
-Result<DetailKind> detail_from_name(std::string_view name);
-std::string_view name_of(DetailKind kind);
+inline constexpr EnumNames<DetailKind, 3> kDetailNames{{"none", "normal", "frames"}};
+constexpr std::string_view name_of(DetailKind kind) {
+  return kDetailNames[kind];
+}
+/// Errors: kInvalidArgument.
+inline Result<DetailKind> detail_from_name(std::string_view name) {
+  if (const auto kind = kDetailNames.find(name)) return *kind;
+  return fail(ErrorCode::kInvalidArgument,
+              "there is no detail '" + std::string(name) + "': use none, normal or frames");
+}
 /// What an asset brings.
-DetailKind detail_of(const Asset& asset);
+inline DetailKind detail_of(const Asset& asset) {
+  if (asset.detail.size() == 0) return DetailKind::kNone;
+  return asset.detail.axes == 1 ? DetailKind::kNormal : DetailKind::kFrames;
+}
 
 /// Three orthonormal axes at a vertex of a pose, which turn as the surface does.
 template <typename Real>

@@ -2,8 +2,7 @@
 #include <cstdlib>
 
 #include "common/asset/asset.h"
-#include "common/asset/texture.h"
-#include "common/asset/tiles/wedge_tile.h"
+#include "common/asset/tiles/tiles.h"
 
 using namespace eigencast;
 

@@ -5,17 +5,13 @@
 #include <string>
 #include <utility>
 
+#include "common/asset/asset.h"
 #include "common/asset/asset_limits.h"
 #include "common/asset/format/encode.h"
 #include "common/asset/format/manifest.h"
-#include "common/asset/texture.h"
 #include "common/asset/tiles/basis_tile.h"
-#include "common/asset/tiles/colour_tile.h"
-#include "common/asset/tiles/detail_tile.h"
 #include "common/asset/tiles/predictor.h"
-#include "common/asset/tiles/splat_tile.h"
-#include "common/asset/tiles/structure_tile.h"
-#include "common/asset/tiles/wedge_tile.h"
+#include "common/asset/tiles/tiles.h"
 #include "common/core/bands.h"
 #include "common/core/worker_team.h"
 
@@ -256,8 +252,7 @@ std::size_t EncodedAsset::detail_bytes() const {
   const auto read = read_manifest(manifest.bytes);
   std::size_t sum = 0;
   for (std::size_t c = 0; read && c < read->chunks.size(); ++c) {
-    for (const TileEntry& tile : read->chunks[c].tiles)
-      sum += tile.kind == static_cast<std::uint8_t>(TileKind::kDetail) ? tile.stored_bytes : 0;
+    for (const TileEntry& tile : read->chunks[c].tiles) sum += tile.is(TileKind::kDetail) ? tile.stored_bytes : 0;
   }
   return sum;
 }

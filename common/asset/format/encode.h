@@ -28,12 +28,10 @@ struct EncodedAsset {
 /// How the basis is stored. The receivers' basis is the dequantised one, so a sender must project on
 /// decode(encode(asset)).
 struct AssetEncoding {
-  std::uint32_t exact_columns =
-      4;  ///< Leading columns kept as float32, so that the rest pose stays exact (default: 4).
-  std::uint32_t first_chunk_rows =
-      1024;              ///< Vertices in the first chunk at least; each chunk doubles what is there (default: 1024).
-  bool compress = true;  ///< zstd where it makes a tile smaller (default: true).
-  bool code = true;      ///< Basis tiles coded where that is smaller (default: true).
+  std::uint32_t exact_columns = 4;        ///< Leading columns kept as float32, so that the rest pose stays exact.
+  std::uint32_t first_chunk_rows = 1024;  ///< At least; each chunk doubles what is there.
+  bool compress = true;                   ///< zstd where it makes a tile smaller.
+  bool code = true;                       ///< Basis tiles coded where that is smaller.
   /// How large the coefficients get, r: the norms over x, y, z of each, at most. With them the inexact columns get the
   /// steps by which rounding moves a vertex by `error` (root mean square, model units) when they are as large as that;
   /// empty: the finest steps of 16 bits.

@@ -1,11 +1,4 @@
 // SPDX-License-Identifier: MIT
-// manifest  magic[8] version:u32 n:u32 r:u32 q:u32 F:u32 exact_columns:u32
-//           bands:u8 band_end:u32[bands]  up:u8 handed:u8 metres_per_unit:f64 area:f64 low:f64[3] high:f64[3]
-//           origin:f64[3] basis_kind:u8+text name:u16+text  rest:f64[3 r] column_scale:f32[r - exact_columns]
-//           chunks:u32 { end_row:u32 end_face:u32 id[32] tiles:u8 { kind:u8 index:u8 required:u8 compression:u8
-//                        stored:u32 raw:u32 hash[32] } }
-//           sections:u16 { kind:u16 required:u8 bytes:u64 id[32] }
-// The specification is docs/asset-format.md.
 #include "common/asset/format/manifest.h"
 
 #include <algorithm>
@@ -15,11 +8,7 @@
 #include <utility>
 
 #include "common/asset/asset_limits.h"
-#include "common/asset/texture.h"
-#include "common/asset/tiles/colour_tile.h"
-#include "common/asset/tiles/detail_tile.h"
-#include "common/asset/tiles/predictor.h"
-#include "common/asset/tiles/splat_tile.h"
+#include "common/asset/tiles/tiles.h"
 #include "common/core/bands.h"
 
 namespace eigencast {
@@ -30,10 +19,6 @@ constexpr std::uint32_t kVersion = 1;
 constexpr std::size_t kMinChunkEntryBytes = 4 + 4 + 32 + 1;
 constexpr std::size_t kTileEntryBytes = 4 + 4 + 4 + 32;
 constexpr std::size_t kSectionEntryBytes = 2 + 1 + 8 + 32;
-
-void put_digest(ByteWriter& out, const Sha256& id) {
-  out.bytes(id.digest);
-}
 
 Sha256 get_digest(ByteReader& in) {
   Sha256 id;
@@ -48,10 +33,6 @@ Error corrupt_manifest(std::string what) {
 Error too_large_in_manifest(std::string what, std::uint64_t value, std::uint64_t limit) {
   return fail(ErrorCode::kTooLarge, "asset manifest: " + std::move(what) + " is " + std::to_string(value) +
                                         ", over the limit of " + std::to_string(limit));
-}
-
-std::string text_from(ByteView bytes) {
-  return std::string(bytes.begin(), bytes.end());
 }
 
 /// A manifest being read: one function for each part of the grammar, in its order.
@@ -120,12 +101,12 @@ class Parser {
   }
 
   Result<void> texts() {
-    const std::size_t kind_size = in_.u8();
-    if (kind_size > asset_limits::kMaxBasisKindBytes) return corrupt_manifest("basis kind is too long");
-    manifest_.facts.basis_kind = text_from(in_.bytes(kind_size));
-    const std::size_t name_size = in_.u16();
-    if (name_size > asset_limits::kMaxNameBytes) return corrupt_manifest("name is too long");
-    manifest_.facts.name = text_from(in_.bytes(name_size));
+    const ByteView kind = in_.bytes(in_.u8());
+    if (kind.size() > asset_limits::kMaxBasisKindBytes) return corrupt_manifest("basis kind is too long");
+    manifest_.facts.basis_kind.assign(kind.begin(), kind.end());
+    const ByteView name = in_.bytes(in_.u16());
+    if (name.size() > asset_limits::kMaxNameBytes) return corrupt_manifest("name is too long");
+    manifest_.facts.name.assign(name.begin(), name.end());
     return {};
   }
 
@@ -155,11 +136,10 @@ class Parser {
     std::uint32_t row = 0;
     std::uint32_t face = 0;
     for (std::size_t i = 0; i < count; ++i) {
-      ChunkEntry chunk;
+      ChunkEntry& chunk = manifest_.chunks.emplace_back();
       if (auto result = one_chunk(i, row, face, chunk); !result) return result;
       row = chunk.end_row;
       face = chunk.end_face;
-      manifest_.chunks.push_back(std::move(chunk));
     }
     if (row != a.vertex_count || face != a.face_total)
       return corrupt_manifest("the chunks do not cover all vertices and faces");
@@ -187,9 +167,8 @@ class Parser {
       TileEntry tile;
       const std::uint64_t rows = chunk.end_row - first_row;
       const std::uint64_t faces = chunk.end_face - first_face;
-      if (auto result = one_tile(where + " tile " + std::to_string(t), t, first_row, rows, faces, first_face, tile);
-          !result)
-        return result;
+      const std::string which = where + " tile " + std::to_string(t);
+      if (auto read = one_tile(which, t, first_row, rows, faces, first_face, tile); !read) return read;
       chunk.tiles.push_back(tile);
     }
     const std::uint64_t stored = chunk.stored_bytes();
@@ -234,47 +213,35 @@ class Parser {
 
   Result<void> known_tile(const std::string& where, std::size_t t, std::uint64_t rows, std::uint64_t faces,
                           std::uint64_t old_faces, const TileEntry& tile) {
-    const auto kind = static_cast<std::uint8_t>(t == 0 ? TileKind::kStructure : TileKind::kBasis);
     const std::size_t index = t == 0 ? 0 : t - 1;
-    if (tile.kind != kind || tile.index != index || !tile.required) {
+    if (!tile.is(t == 0 ? TileKind::kStructure : TileKind::kBasis) || tile.index != index || !tile.required) {
       return corrupt_manifest(where + ": not the structure tile first and then the bands in order, all required");
     }
-    const bool size_fits = t == 0
-                               ? tile.raw_bytes >= min_structure_bytes(rows, faces) &&
-                                     tile.raw_bytes <= max_structure_bytes(rows, faces, old_faces)
-                               : tile.raw_bytes == basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows));
-    if (!size_fits)
+    // A varint has 1 to 5 bytes.
+    const std::uint64_t least =
+        t > 0 ? basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows)) : rows * (1 + 4 + 1) + faces * 4;
+    const std::uint64_t most =
+        t > 0 ? least
+              : rows * (5 + 5 + 4 + 1 + Predictors::kMaxPerRow * (4 + 2)) + faces * (5 + 3 * 5) + old_faces * 3 * 5;
+    if (tile.raw_bytes < least || tile.raw_bytes > most)
       return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows and faces");
     return {};
   }
 
   Result<void> extra_tile(const std::string& where, std::uint32_t first_row, std::uint64_t rows,
                           const TileEntry& tile) {
-    if (tile.kind == 0 || tile.kind == static_cast<std::uint8_t>(TileKind::kStructure) ||
-        tile.kind == static_cast<std::uint8_t>(TileKind::kBasis)) {
+    if (tile.kind == 0 || tile.is(TileKind::kStructure) || tile.is(TileKind::kBasis))
       return corrupt_manifest(where + ": a second structure or basis tile");
+    const auto detail = [&](std::uint32_t axes) { return detail_bytes(rows, first_row, manifest_.facts.rank, axes); };
+    const bool is_splats = tile.is(TileKind::kSplats), is_colours = tile.is(TileKind::kColours) && tile.index == 0,
+               is_detail = tile.is(TileKind::kDetail) && tile.index == 0;
+    const std::uint64_t bytes = tile.raw_bytes;
+    if ((is_splats && (bytes < rows * (4 + 2) || bytes > rows * (4 + 2 * 5))) || (is_colours && bytes != 3 * rows) ||
+        (is_detail && bytes != detail(1) && bytes != detail(3))) {
+      return corrupt_manifest(where + ": " + std::to_string(bytes) + " bytes do not fit its rows");
     }
-    if (tile.kind == static_cast<std::uint8_t>(TileKind::kSplats)) {
-      if (tile.raw_bytes < min_splat_bytes(rows) || tile.raw_bytes > max_splat_bytes(rows)) {
-        return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
-      }
-      return {};
-    }
-    if (tile.kind == static_cast<std::uint8_t>(TileKind::kColours) && tile.index == 0) {
-      if (tile.raw_bytes != colour_bytes(rows)) {
-        return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
-      }
-      return {};
-    }
-    if (tile.kind == static_cast<std::uint8_t>(TileKind::kDetail) && tile.index == 0) {
-      const std::uint32_t rank = manifest_.facts.rank;
-      if (tile.raw_bytes != detail_bytes(rows, first_row, rank, 1) &&
-          tile.raw_bytes != detail_bytes(rows, first_row, rank, 3)) {
-        return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
-      }
-      return {};
-    }
-    if (tile.kind == static_cast<std::uint8_t>(TileKind::kImage) && tile.raw_bytes > AssetTexture::kMaxImageBytes)
+    if (is_splats || is_colours || is_detail) return {};
+    if (tile.is(TileKind::kImage) && tile.raw_bytes > AssetTexture::kMaxImageBytes)
       return too_large_in_manifest(where + ", an image,", tile.raw_bytes, AssetTexture::kMaxImageBytes);
     if (tile.required) {
       return fail(ErrorCode::kUnsupported, "asset manifest: " + where + " is required and of kind " +
@@ -316,7 +283,7 @@ class Parser {
 void write_chunk_entry(ByteWriter& out, const ChunkEntry& chunk) {
   out.u32(chunk.end_row);
   out.u32(chunk.end_face);
-  put_digest(out, chunk.id);
+  out.bytes(chunk.id.digest);
   out.u8(static_cast<std::uint8_t>(chunk.tiles.size()));
   for (const TileEntry& tile : chunk.tiles) {
     out.u8(tile.kind);
@@ -325,7 +292,7 @@ void write_chunk_entry(ByteWriter& out, const ChunkEntry& chunk) {
     out.u8(static_cast<std::uint8_t>(tile.compression));
     out.u32(tile.stored_bytes);
     out.u32(tile.raw_bytes);
-    put_digest(out, tile.hash);
+    out.bytes(tile.hash.digest);
   }
 }
 
@@ -366,7 +333,7 @@ Bytes write_manifest(const Manifest& manifest) {
     out.u16(section.kind);
     out.u8(section.required ? 1 : 0);
     out.u64(section.bytes);
-    put_digest(out, section.id);
+    out.bytes(section.id.digest);
   }
   return bytes;
 }
@@ -381,14 +348,6 @@ std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::
   const auto [begin, end] = band_range(manifest.facts.band_ends, band);
   const std::uint32_t first_integer = std::clamp(manifest.exact_columns, begin, end);
   return std::uint64_t{rows} * (4 * (first_integer - begin) + 2 * (end - first_integer));
-}
-
-std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t faces) {
-  return rows * 6 + faces * 4;
-}
-
-std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces) {
-  return rows * (5 + 5 + 4 + 1 + Predictors::kMaxPerRow * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
 }
 
 }  // namespace eigencast

@@ -33,6 +33,8 @@ struct TileEntry {
   std::uint32_t stored_bytes = 0;
   std::uint32_t raw_bytes = 0;
   Sha256 hash;  ///< Of the stored bytes.
+
+  bool is(TileKind known) const { return kind == static_cast<std::uint8_t>(known); }
 };
 
 struct ChunkEntry {
@@ -55,8 +57,7 @@ struct SectionEntry {
 struct Manifest {
   AssetFacts facts;
   std::uint32_t exact_columns = 0;
-  std::vector<float>
-      column_scales;  ///< r - exact_columns: value = scale * integer; 0 or in [kMinColumnScale, kMaxColumnScale].
+  std::vector<float> column_scales;  ///< r - exact_columns: value = scale * integer; is_column_scale.
   std::vector<ChunkEntry> chunks;
   std::vector<SectionEntry> sections;
 };
@@ -70,9 +71,5 @@ Result<Manifest> read_manifest(ByteView bytes);
 
 /// Bytes of band `band` of `rows` rows, decompressed.
 std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows);
-
-/// Bounds on the decompressed structure tile.
-std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t faces);
-std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces);
 
 }  // namespace eigencast

@@ -4,16 +4,12 @@
 #include <string>
 #include <utility>
 
+#include "common/asset/asset.h"
 #include "common/asset/asset_limits.h"
 #include "common/asset/format/manifest.h"
 #include "common/asset/format/reader.h"
-#include "common/asset/texture.h"
 #include "common/asset/tiles/basis_tile.h"
-#include "common/asset/tiles/colour_tile.h"
-#include "common/asset/tiles/detail_tile.h"
-#include "common/asset/tiles/splat_tile.h"
-#include "common/asset/tiles/structure_tile.h"
-#include "common/asset/tiles/wedge_tile.h"
+#include "common/asset/tiles/tiles.h"
 #include "common/core/bands.h"
 #include "common/core/worker_team.h"
 
@@ -24,21 +20,21 @@ std::string chunk_name(std::size_t index) {
   return "asset chunk " + std::to_string(index);
 }
 
-Result<Bytes> unpacked(const TileEntry& tile, ByteView stored) {
-  if (tile.compression == Compression::kZstd) return zstd_decompress(stored, tile.raw_bytes);
-  return Bytes(stored.begin(), stored.end());
-}
-
 struct FoundTile {
   const TileEntry* entry;
   ByteView stored;
 };
 
+Result<Bytes> unpacked(const FoundTile& tile) {
+  if (tile.entry->compression == Compression::kZstd) return zstd_decompress(tile.stored, tile.entry->raw_bytes);
+  return Bytes(tile.stored.begin(), tile.stored.end());
+}
+
 /// The first tile of a kind that may be absent, of set 0; nothing where `bytes` end before it.
 std::optional<FoundTile> find_tile(const ChunkEntry& chunk, ByteView bytes, TileKind kind) {
   std::size_t at = 0;
   for (const TileEntry& tile : chunk.tiles) {
-    const bool wanted = tile.kind == static_cast<std::uint8_t>(kind) && tile.index == 0 && tile.raw_bytes > 0;
+    const bool wanted = tile.is(kind) && tile.index == 0 && tile.raw_bytes > 0;
     if (at + tile.stored_bytes > bytes.size()) break;
     if (wanted) return FoundTile{&tile, bytes.subspan(at, tile.stored_bytes)};
     at += tile.stored_bytes;
@@ -111,7 +107,7 @@ Result<void> AssetReader::verify(std::size_t index, ByteView bytes) const {
 Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
   const ChunkEntry& entry = manifest_->chunks[index];
   const ChunkRange range{asset_.rows_ready, entry.end_row, asset_.base_count, asset_.vertex_count};
-  auto raw = unpacked(entry.tiles[0], bytes.first(entry.tiles[0].stored_bytes));
+  auto raw = unpacked({&entry.tiles[0], bytes.first(entry.tiles[0].stored_bytes)});
   if (!raw) return raw.error();
   auto structure =
       decode_structure(*raw, range, entry.end_face - asset_.faces_ready, asset_.source_vertex, asset_.faces);
@@ -163,7 +159,7 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
       results[b] = decode_coded_basis(block, stored, asset_.basis);
       return;
     }
-    auto raw = unpacked(tile, stored);
+    auto raw = unpacked({&tile, stored});
     results[b] = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
   });
   for (Result<void>& result : results) {
@@ -178,19 +174,19 @@ Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes,
   const auto colour_tile = find_tile(entry, bytes, TileKind::kColours);
   std::vector<std::array<std::uint8_t, 3>> colours;
   if (colour_tile && asset_.colours.size() == asset_.rows_ready) {
-    auto raw = unpacked(*colour_tile->entry, colour_tile->stored);
+    auto raw = unpacked(*colour_tile);
     if (!raw) return raw.error();
     colours = decode_colours(*raw, asset_.colours, map);
   }
   // Of fewer bands more is missing than detail brings.
   const auto detail_tile = bands_ < asset_.band_ends.size() ? std::nullopt : find_tile(entry, bytes, TileKind::kDetail);
   const bool has_detail = detail_tile && asset_.detail.size() == asset_.rows_ready;
-  auto detail = has_detail ? unpacked(*detail_tile->entry, detail_tile->stored) : Result<Bytes>(Bytes{});
+  auto detail = has_detail ? unpacked(*detail_tile) : Result<Bytes>(Bytes{});
   if (!detail) return detail.error();
   const auto splat_tile = find_tile(entry, bytes, TileKind::kSplats);
   const bool has_splats = splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready;
   if (has_splats) {
-    auto raw = unpacked(*splat_tile->entry, splat_tile->stored);
+    auto raw = unpacked(*splat_tile);
     if (!raw) return raw.error();
     auto decoded = decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
     if (!decoded) return decoded;
@@ -213,9 +209,9 @@ Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const Ch
   const auto wedge_tile = find_tile(entry, bytes, TileKind::kWedges);
   const auto image_tile = find_tile(entry, bytes, TileKind::kImage);
   if (entry.end_row != asset_.vertex_count || !wedge_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
-  auto raw = unpacked(*wedge_tile->entry, wedge_tile->stored);
+  auto raw = unpacked(*wedge_tile);
   if (!raw) return raw.error();
-  auto image = unpacked(*image_tile->entry, image_tile->stored);
+  auto image = unpacked(*image_tile);
   if (!image) return image.error();
   std::vector<std::uint32_t> map = asset_.map;
   append(map, structure.map);

@@ -1,8 +1,4 @@
 // SPDX-License-Identifier: MIT
-// basis tile  four byte planes of the float32 columns, low byte first, then two byte planes of the int16 residuals, low
-// byte first;
-//             each plane column by column, each column row by row.
-// residual    zigzag16(v[i] - what predictor.h predicts) modulo 2^16. The specification is docs/asset-format.md.
 #include "common/asset/tiles/basis_tile.h"
 
 #include <algorithm>
@@ -12,7 +8,6 @@
 #include <string>
 
 #include "common/asset/asset_limits.h"
-#include "common/asset/tiles/basis_block.h"
 
 namespace eigencast {
 namespace {

@@ -1,7 +1,4 @@
 // SPDX-License-Identifier: MIT
-// coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: the residual of an
-//                   entry against what the rows before it predict, as a size and a sign. The specification is
-//                   docs/asset-format.md.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -10,7 +7,6 @@
 #include <type_traits>
 #include <vector>
 
-#include "common/asset/tiles/basis_block.h"
 #include "common/asset/tiles/basis_tile.h"
 #include "common/asset/tiles/number_coder.h"
 

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
-// colour tile  three planes of a byte for each row: green, red less green, blue less green, each less the same of the
-//              row that predicts it, modulo 256. The specification is docs/asset-format.md.
-#include "common/asset/tiles/colour_tile.h"
-
 #include <cassert>
+
+#include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
 namespace {
@@ -28,10 +26,6 @@ const Colour* predicting_colour(std::uint32_t row, std::uint32_t parent, std::sp
 
 }  // namespace
 
-std::uint64_t colour_bytes(std::uint64_t rows) {
-  return 3 * rows;
-}
-
 Bytes encode_colours(std::span<const Colour> colours, std::uint32_t first_row, std::span<const std::uint32_t> map) {
   const std::size_t rows = map.size();
   assert(colours.size() >= first_row + rows);
@@ -49,7 +43,7 @@ Bytes encode_colours(std::span<const Colour> colours, std::uint32_t first_row, s
 std::vector<Colour> decode_colours(ByteView raw, std::span<const Colour> earlier, std::span<const std::uint32_t> map) {
   const std::size_t rows = map.size();
   const auto first_row = static_cast<std::uint32_t>(earlier.size());
-  assert(raw.size() == colour_bytes(rows));
+  assert(raw.size() == 3 * rows);
   std::vector<Colour> colours;
   colours.reserve(rows);
   for (std::size_t k = 0; k < rows; ++k) {

@@ -1,9 +1,4 @@
 // SPDX-License-Identifier: MIT
-// detail tile  in the first chunk axes:u8 unit:f32 step:f32[r]; then byte planes, low before high, of 16-bit residuals:
-//              normals (2 for each row), offsets (axes), derivatives along x (r), along y (r). The specification is
-//              docs/asset-format.md.
-#include "common/asset/tiles/detail_tile.h"
-
 #include <algorithm>
 #include <atomic>
 #include <cassert>
@@ -15,6 +10,7 @@
 #include "common/asset/asset_limits.h"
 #include "common/asset/detail.h"
 #include "common/asset/tiles/octahedral.h"
+#include "common/asset/tiles/tiles.h"
 #include "common/core/worker_team.h"
 
 namespace eigencast {

@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: MIT
-// splat tile  four planes of a byte for each row (normal's two coordinates on the octahedron, radius, parent's radius),
-//             then two zigzags of i - corner for each row. The specification is docs/asset-format.md.
-#include "common/asset/tiles/splat_tile.h"
-
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "common/asset/tiles/octahedral.h"
+#include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
 namespace {
@@ -32,13 +29,6 @@ Error corrupt_splats(std::string what) {
 
 }  // namespace
 
-std::uint64_t min_splat_bytes(std::uint64_t rows) {
-  return rows * (4 + 2);
-}
-std::uint64_t max_splat_bytes(std::uint64_t rows) {
-  return rows * (4 + 2 * 5);
-}
-
 Bytes encode_splats(const Asset::Splats& splats, std::uint32_t first_row, std::uint32_t end_row,
                     std::uint32_t base_count, double diagonal) {
   const std::size_t rows = end_row - first_row;
@@ -62,7 +52,7 @@ Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t ba
                            Asset::Splats& splats) {
   const auto first_row = static_cast<std::uint32_t>(splats.size());
   const std::size_t rows = end_row - first_row;
-  if (raw.size() < min_splat_bytes(rows)) return corrupt_splats("ends too early");
+  if (raw.size() < 4 * rows) return corrupt_splats("ends too early");
   Asset::Splats added;
   ByteReader in(raw.subspan(4 * rows));
   for (std::uint32_t i = first_row; i < end_row; ++i) {

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: MIT
-// structure  up:varint[rows from q on] source:zigzag[rows] mass:f32[rows]
-//            death:varint[new faces] corners:zigzag[3 new faces] moves:varint[corners of old faces that may move]
-//            predictors:varint[rows], row:varint and weight:zigzag of each
-// The specification is docs/asset-format.md.
-#include "common/asset/tiles/structure_tile.h"
-
 #include <algorithm>
 #include <cmath>
 #include <string>
+
+#include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
 namespace {

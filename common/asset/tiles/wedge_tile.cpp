@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: MIT
-// wedge tile  low:f32[2] high:f32[2] W:u32; for each row varint its wedges; for each wedge of a row from q on varint
-//             its parent, as a number among those of map[row]; for each corner of a vertex of several wedges varint
-//             which of them; four planes of a byte for each wedge: the difference of its UV to its parent's. The
-//             specification is docs/asset-format.md.
-#include "common/asset/tiles/wedge_tile.h"
-
-#include <span>
 #include <string>
+
+#include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
 namespace {

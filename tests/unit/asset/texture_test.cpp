@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-#include "common/asset/texture.h"
-#include "common/asset/tiles/wedge_tile.h"
+#include "common/asset/asset.h"
+#include "common/asset/tiles/tiles.h"
 
 #include <gtest/gtest.h>
 

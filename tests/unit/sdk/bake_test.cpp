@@ -9,8 +9,8 @@
 #include <limits>
 #include <set>
 
+#include "common/asset/asset.h"
 #include "common/asset/format/reader.h"
-#include "common/asset/texture.h"
 #include "common/progressive/prefix.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/read.h"
