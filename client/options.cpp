@@ -9,8 +9,6 @@
 #include "client/clip_source.h"
 #include "client/settings.h"
 #include "common/command_line/command_line.h"
-#include "common/command_line/completion.h"
-#include "common/command_line/shared_options.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
 

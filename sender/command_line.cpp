@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "common/command_line/completion.h"
+#include "common/command_line/command_line.h"
 #include "common/core/files.h"
 #include "common/surface/formats/read.h"
 #include "common/surface/formats/write.h"

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "common/command_line/shared_options.h"
+#include "common/command_line/command_line.h"
 #include "sender/commands.h"
 
 /// Options that several commands have, by what they fill.

@@ -6,8 +6,7 @@
 #include <utility>
 
 #include "broker/config/show.h"
-#include "common/command_line/completion.h"
-#include "common/command_line/shared_options.h"
+#include "common/command_line/command_line.h"
 
 namespace eigencast::broker {
 namespace {

@@ -2,9 +2,9 @@
 #include "common/command_line/command_line.h"
 
 #include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdlib>
 #include <type_traits>
-
-#include "common/command_line/shared_options.h"
 
 namespace eigencast {
 namespace {
@@ -24,6 +24,17 @@ CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
     return entry.shows_default ? option->capture_default_str() : option;
   }
 }
+
+/// CLI11's own leaves out the commands below a command.
+class NestedHelp final : public CLI::Formatter {
+ public:
+  std::string make_expanded(const CLI::App* command) const override {
+    std::string text = CLI::Formatter::make_expanded(command);
+    for (const CLI::App* below : command->get_subcommands({}))
+      if (!below->get_name().empty()) text += make_expanded(below);
+    return text;
+  }
+};
 
 }  // namespace
 
@@ -61,6 +72,42 @@ std::optional<bool> CommandLine::parse(int argc, const char* const* argv) {
 
 bool CommandLine::has(const char* option) const {
   return app_->count(option) > 0;
+}
+
+void add_help_all(CLI::App& app) {
+  app.formatter(std::make_shared<NestedHelp>());
+  app.set_help_all_flag("--help-all", "print this message and that of every command");
+}
+
+CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials) {
+  CLI::Option* token = app.add_option("--token", credentials.token, "token for the broker, or @FILE that holds it");
+  app.add_option("--ca", credentials.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)");
+  app.add_option("--cert", credentials.certificate_file, "PEM file of a certificate for brokers that ask for one");
+  app.add_option("--key", credentials.key_file, "PEM file of its private key");
+  app.add_flag("--insecure", credentials.insecure, "do not check the broker's certificate: for trying out only");
+  return token;
+}
+
+CLI::Validator output_path(Result<void> (*check)(const std::string& path)) {
+  return CLI::Validator(
+      [check](std::string& path) -> std::string {
+        const auto usable = path == "-" ? Result<void>() : check(path);
+        return usable ? std::string() : usable.error().message;
+      },
+      "");
+}
+
+std::string fault_of_numbers(const CLI::App& app) {
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_type_name().rfind("FLOAT", 0) != 0) continue;
+    for (const std::string& text : option->results()) {
+      if (std::isnan(std::strtod(text.c_str(), nullptr))) return option->get_name() + ": " + text + " is not a number";
+    }
+  }
+  for (const CLI::App* command : app.get_subcommands()) {
+    if (std::string fault = fault_of_numbers(*command); !fault.empty()) return fault;
+  }
+  return {};
 }
 
 }  // namespace eigencast

@@ -1,12 +1,20 @@
 // SPDX-License-Identifier: MIT
-#include "common/command_line/completion.h"
+#include "common/command_line/command_line.h"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <vector>
 
+#include "common/core/text.h"
+
 namespace eigencast {
 namespace {
+
+std::string joined(const std::vector<std::string>& words, const char* between) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
+  return text;
+}
 
 /// An option, or a positional argument where it has no names.
 struct ListedOption {
@@ -22,24 +30,15 @@ struct ListedCommand {
   std::vector<std::string> path;  ///< {"context", "add"}
   std::string description;
   std::vector<ListedOption> options, arguments;
+  std::string slashed() const { return path.empty() ? "" : "/" + joined(path, "/"); }
 };
 
 // CLI11 states the members of a set in the type: "TEXT:{augmented,harmonic}".
 std::vector<std::string> choices_in(const std::string& type) {
-  std::vector<std::string> choices;
-  const std::size_t open = type.find('{');
-  const std::size_t close = type.find('}');
-  if (open == std::string::npos || close == std::string::npos) return choices;
-  std::string choice;
-  for (std::size_t i = open + 1; i <= close; ++i) {
-    if (type[i] != ',' && i != close) {
-      choice += type[i];
-      continue;
-    }
-    choices.push_back(choice);
-    choice.clear();
-  }
-  return choices;
+  const std::size_t open = type.find('{'), close = type.find('}');
+  if (open == std::string::npos || close == std::string::npos) return {};
+  const auto choices = split(std::string_view(type).substr(open + 1, close - open - 1), ',');
+  return {choices.begin(), choices.end()};
 }
 
 ListedOption row_from(const CLI::Option& option) {
@@ -57,8 +56,7 @@ ListedOption row_from(const CLI::Option& option) {
     return row.description.find(choice) != std::string::npos;
   });
   if (!are_named) {
-    row.description += ": ";
-    for (std::size_t i = 0; i < row.choices.size(); ++i) row.description += (i > 0 ? ", " : "") + row.choices[i];
+    row.description += ": " + joined(row.choices, ", ");
   }
   if (!option.get_default_str().empty()) row.description += " (default: " + option.get_default_str() + ")";
   return row;
@@ -94,19 +92,15 @@ void add_commands(const CLI::App& app, std::vector<std::string> path, std::vecto
   }
 }
 
-std::string joined(const std::vector<std::string>& words, const char* between) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
-  return text;
+bool is_right_below(const ListedCommand& child, const ListedCommand& row) {
+  return child.path.size() == row.path.size() + 1 && std::equal(row.path.begin(), row.path.end(), child.path.begin());
 }
 
 /// The names of the commands right below one.
-std::vector<std::string> children_of(const std::vector<ListedCommand>& rows, const std::vector<std::string>& path) {
+std::vector<std::string> children_of(const std::vector<ListedCommand>& rows, const ListedCommand& row) {
   std::vector<std::string> names;
-  for (const ListedCommand& row : rows) {
-    const bool below = row.path.size() == path.size() + 1 && std::equal(path.begin(), path.end(), row.path.begin());
-    if (below) names.push_back(row.path.back());
-  }
+  for (const ListedCommand& child : rows)
+    if (is_right_below(child, row)) names.push_back(child.path.back());
   return names;
 }
 
@@ -124,13 +118,7 @@ std::string identifier_from(std::string name) {
 // In single quotes of any of the shells.
 std::string in_quotes(const std::string& text) {
   std::string result = "'";
-  for (const char c : text) {
-    if (c == '\'') {
-      result += "'\\''";
-    } else {
-      result += c;
-    }
-  }
+  for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
   return result + "'";
 }
 
@@ -149,28 +137,24 @@ std::string bash_from(const std::string& program, const std::vector<ListedComman
       "previous=\"${COMP_WORDS[COMP_CWORD-2]}\"; fi\n"
       "  for word in \"${COMP_WORDS[@]:1:COMP_CWORD-1}\"; do\n    case \"$path/$word\" in\n";
   for (const ListedCommand& row : rows) {
-    if (!row.path.empty())
-      text += "      " + in_quotes("/" + joined(row.path, "/")) + ") path=" + in_quotes("/" + joined(row.path, "/")) +
-              ";;\n";
+    if (!row.path.empty()) text += "      " + in_quotes(row.slashed()) + ") path=" + in_quotes(row.slashed()) + ";;\n";
   }
   text += "    esac\n  done\n  case \"$path $previous\" in\n";
   for (const ListedCommand& row : rows) {
-    const std::string path = row.path.empty() ? "" : "/" + joined(row.path, "/");
     for (const ListedOption& option : row.options) {
       if (!option.takes_value()) continue;
       const std::string action =
           bash_replies(option.choices.empty() ? "-f" : "-W " + in_quotes(joined(option.choices, " ")));
       for (const std::string& name : option.names)
-        text += "    " + in_quotes(path + " " + name) + ") " + action + "; return;;\n";
+        text += "    " + in_quotes(row.slashed() + " " + name) + ") " + action + "; return;;\n";
     }
   }
   text += "  esac\n  case \"$path\" in\n";
   for (const ListedCommand& row : rows) {
-    const std::string path = row.path.empty() ? "" : "/" + joined(row.path, "/");
-    std::vector<std::string> words = children_of(rows, row.path);
+    std::vector<std::string> words = children_of(rows, row);
     for (const ListedOption& argument : row.arguments)
       words.insert(words.end(), argument.choices.begin(), argument.choices.end());
-    text += "    " + in_quotes(path) + ")\n      if [[ \"$current\" == -* ]]; then " +
+    text += "    " + in_quotes(row.slashed()) + ")\n      if [[ \"$current\" == -* ]]; then " +
             bash_replies("-W " + in_quotes(option_names(row))) + "; else " +
             bash_replies(words.empty() ? "-f" : "-W " + in_quotes(joined(words, " "))) + "; fi;;\n";
   }
@@ -194,7 +178,7 @@ std::string zsh_values(const ListedOption& option) {
 
 void append_zsh_function(const std::string& name, const ListedCommand& row, const std::vector<ListedCommand>& rows,
                          std::string& text) {
-  const std::vector<std::string> children = children_of(rows, row.path);
+  const std::vector<std::string> children = children_of(rows, row);
   text += name + "() {\n  local state line\n  typeset -A opt_args\n  _arguments -C \\\n";
   for (const ListedOption& option : row.options) {
     const std::string others = option.names.size() > 1 ? "(" + joined(option.names, " ") + ")" : "";
@@ -220,9 +204,8 @@ void append_zsh_function(const std::string& name, const ListedCommand& row, cons
   }
   text += "    '1: :->command' '*:: :->rest' && return\n  case $state in\n    command)\n      local -a commands=(\n";
   for (const ListedCommand& child : rows) {
-    const bool below =
-        child.path.size() == row.path.size() + 1 && std::equal(row.path.begin(), row.path.end(), child.path.begin());
-    if (below) text += "        " + in_quotes(zsh_text(child.path.back()) + ":" + zsh_text(child.description)) + "\n";
+    if (is_right_below(child, row))
+      text += "        " + in_quotes(zsh_text(child.path.back()) + ":" + zsh_text(child.description)) + "\n";
   }
   text += "      )\n      _describe command commands;;\n    rest)\n      case $words[1] in\n";
   for (const std::string& child : children) text += "        " + child + ") " + name + "_" + child + ";;\n";

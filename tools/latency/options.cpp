@@ -4,8 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "common/command_line/completion.h"
-#include "common/command_line/shared_options.h"
+#include "common/command_line/command_line.h"
 #include "common/core/files.h"
 #include "tools/latency/presenter.h"
 

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "common/command_line/completion.h"
+#include "common/command_line/command_line.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-
-#include "common/command_line/shared_options.h"
 
 namespace eigencast {
 namespace {
