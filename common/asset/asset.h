@@ -19,8 +19,7 @@ using Corners = std::array<std::uint32_t, 3>;
 
 /// How an image lies on the faces of a surface. A wedge is a UV of a vertex; along seams a vertex has several. Wedges
 /// are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the wedge that is found
-/// from its own by following `parent` until it is below first_wedge[N], and that is a wedge of the vertex that the
-/// corner then has. So both sides of a seam stay apart at every level.
+/// from its own by following `parent` until it is below first_wedge[N]. So both sides of a seam stay apart.
 struct AssetTexture {
   static constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
   static constexpr std::array<std::uint16_t, 2> kNone{65535, 65535};  ///< A wedge that is not in the image.
@@ -35,7 +34,7 @@ struct AssetTexture {
   /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond
   /// it repeats. REQUIRES: uvs[wedge] != kNone.
   std::array<float, 2> uv(std::uint32_t wedge) const;
-  /// Whether low and high are finite (at most 1e30) and in order.
+  /// At most 1e30, and low <= high.
   bool has_finite_box() const;
 };
 
@@ -66,12 +65,11 @@ struct AssetFacts {
   double diagonal() const;  ///< Of the rest box.
 };
 
-/// A spectral asset as arrays: everything a receiver needs to rebuild a surface from coefficients, and a sender to
-/// project on it. Rows (vertices) are in level-of-detail order: see progressive/prefix.h for map, faces and death.
+/// What a receiver needs to rebuild a surface from coefficients, and a sender to project on it. Rows (vertices) are in
+/// level-of-detail order: see progressive/prefix.h for map, faces and death.
 ///
 /// While it is arriving (see AssetReader) its arrays hold the first `rows_ready` vertices and the `faces_ready` faces
-/// that exist at that level, with their corners there: a smaller asset that is whole in itself. A finished asset has
-/// rows_ready == n.
+/// that exist at that level, with their corners there: a smaller asset that is whole in itself.
 struct Asset : AssetFacts {
   std::vector<float> basis;          ///< n x r, row-major: Psi as receivers have it (dequantised).
   std::uint32_t exact_columns = 0;   ///< Where column_scales is not empty: leading columns that are not on a grid.
@@ -83,8 +81,8 @@ struct Asset : AssetFacts {
   std::vector<std::uint32_t> death;  ///< F, ascending.
   std::vector<std::uint32_t> source_vertex;  ///< n: the number that row i has in the source (a permutation).
 
-  /// How to draw points as discs (progressive/splats.h says what each array holds); empty for meshes and where the
-  /// asset brings none. Normals are within a degree, radii rounded up by a twenty-second at most.
+  /// How to draw points as discs (progressive/splats.h says what each array holds). Normals are within a degree, radii
+  /// rounded up by a twenty-second at most.
   struct Splats {
     std::vector<std::array<std::uint32_t, 2>> frame;
     std::vector<std::array<float, 3>> normal;
@@ -97,9 +95,8 @@ struct Asset : AssetFacts {
   Splats splats;  ///< n or nothing
 
   /// What the basis leaves out of the rest pose, and how it comes back in every other (asset/detail.h): for each row
-  /// the derivatives of the basis' columns along two tangents, an offset from where the basis puts the vertex, and the
-  /// surface's normal at rest; both are stated in the frame that those tangents span in the pose at hand. Empty where
-  /// the asset brings none.
+  /// the derivatives of the basis' columns along two tangents; an offset from where the basis puts the vertex and the
+  /// surface's normal at rest, in the frame that those tangents span in the pose at hand.
   struct Detail {
     std::uint32_t axes = 3;                      ///< 3; 1: offsets are along z, the frame's normal, alone.
     std::vector<float> steps;                    ///< r: what one unit in a column of the next two is.

@@ -4,8 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-/// Every cap on what an asset may claim. Assets come from the network: parsers check against these before they
-/// allocate.
+/// Every cap on what an asset may claim: parsers check against these before they allocate.
 namespace eigencast::asset_limits {
 
 inline constexpr std::uint32_t kMaxVertices = 16'000'000;

@@ -35,7 +35,7 @@ inline DetailKind detail_of(const Asset& asset) {
   return asset.detail.axes == 1 ? DetailKind::kNormal : DetailKind::kFrames;
 }
 
-/// Three orthonormal axes at a vertex of a pose, which turn as the surface does.
+/// Orthonormal axes at a vertex of a pose, which turn as the surface does.
 template <typename Real>
 struct DetailFrame {
   using Vector = std::array<Real, 3>;

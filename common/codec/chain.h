@@ -17,7 +17,7 @@ struct ChainState {
   bool operator==(const ChainState&) const = default;
 };
 
-/// The state after one more key: newer becomes older. With no state, both are `key`.
+/// After one more key: newer becomes older. With no state, both are `key`.
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
 
 struct CodedKey {
@@ -41,8 +41,7 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
 /// The m of a payload that decode_key has taken.
 std::uint8_t half_spacing_of(ByteView payload);
 
-/// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout
-/// says. Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it,
+/// `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says. Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it,
 /// overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload);
 

@@ -129,8 +129,7 @@ class Trellis {
   explicit Trellis(const Spacing& spacing)
       : m_(spacing.half), square_(4096 * m_ * m_), spacings_(2 * m_), prices_(prices_at(m_)) {}
 
-  /// Writes the magnitudes of the levels.
-  ///   contexts  of the true residuals, as many
+  /// Writes the magnitudes of the levels. `contexts` are those of the true residuals.
   void search(std::span<const std::int64_t> residuals, const std::uint8_t* contexts, std::uint32_t* levels) const {
     constexpr std::int32_t kNever = 1 << 30;
     // kNextState reversed, as state << 1 | parity: each state's predecessor by an even level, and by an odd one.
@@ -162,7 +161,6 @@ class Trellis {
     std::array<std::uint32_t, 2> low;  ///< By rule: the highest level whose point is not above the residual; m >= 1.
     std::array<bool, 2> zero;          ///< By rule: level 0 is the best even one, though not next to the residual.
   };
-  /// The prices of the best even and odd level of a rule.
   struct Offer {
     std::int32_t even, odd;
   };
@@ -218,7 +216,6 @@ class Trellis {
   const CostTable& prices_;
 };
 
-/// A level as the coder needs it.
 struct Decision {
   std::uint32_t level;
   std::uint8_t rule, context;

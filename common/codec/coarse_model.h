@@ -62,7 +62,6 @@ struct LevelOdds {
 /// That a scale code differs from the expected one, and that it differs by yet another.
 inline constexpr std::uint32_t kScaleDiffers = 26000, kScaleFurther = 19000;
 
-/// The magnitude of a scale code.
 inline std::int64_t magnitude_of(unsigned scale_code, unsigned half_spacing) {
   return (std::int64_t{2} * half_spacing * ((scale_code & 1) == 0 ? 16 : 23) << (scale_code >> 1)) >> 9;
 }
@@ -76,8 +75,7 @@ inline unsigned scale_code_of(std::uint64_t sum, std::size_t count, unsigned hal
   return code;
 }
 
-/// Predicts the magnitude of each residual of a band from its speed, the residuals before it in its channel, and the
-/// band's scale.
+/// Predicts the magnitude of a residual from its speed, the residuals before it in its channel, and the band's scale.
 class ContextModel {
  public:
   /// speeds  |c1 - c2| of each value; must outlive this
@@ -90,13 +88,11 @@ class ContextModel {
     std::fill_n(recent_.begin(), channels_, 16 * magnitude_of(scale_code, spacing.half));
   }
 
-  /// The context of the next value.
   unsigned next() const {
     const std::int64_t sum = base_ + 16 * std::int64_t{*speed_} + 3 * recent_.data()[channel_];
     return static_cast<unsigned>(std::clamp(log_of(sum) - unit_, 0, static_cast<int>(kContexts) - 1));
   }
 
-  /// Takes the magnitude of its residual.
   void add(std::int64_t magnitude) {
     std::int64_t& recent = recent_.data()[channel_];
     recent += (16 * magnitude - recent) >> 3;
@@ -128,7 +124,6 @@ struct Motion {
       speed_sum += speeds[i];
     }
   }
-  /// The scale code predicted from the speeds.
   unsigned expected_scale(unsigned half_spacing) const { return scale_code_of(speed_sum, speeds.size(), half_spacing); }
 
   std::span<const std::int32_t> c1, c2;

@@ -89,8 +89,8 @@ std::uint64_t cost(std::span<const std::uint64_t> z, unsigned parameter) {
   return bits;
 }
 
-/// The best parameter for these residuals. The optimum lies near log2 of their mean; outliers, which are escaped, raise
-/// the mean, so smaller parameters are tried until the cost grows.
+/// The optimum lies near log2 of the mean; outliers, which are escaped, raise the mean, so smaller parameters are tried
+/// until the cost grows.
 unsigned best_parameter(std::span<const std::uint64_t> z) {
   std::uint64_t sum = 0;
   for (const std::uint64_t value : z) sum += value;

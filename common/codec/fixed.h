@@ -8,7 +8,6 @@
 /// All of it fits 64 bits; >> of a negative number is the arithmetic shift, that is, rounds towards minus infinity.
 namespace eigencast::fixed {
 
-/// Quantised values lie in [-kMaxValue, kMaxValue].
 inline constexpr std::int32_t kMaxValue = 1 << 30;
 
 inline bool in_range(std::int64_t value) {
@@ -26,8 +25,7 @@ class Rescale {
     shift_ = 30 - (difference >> 2);
   }
 
-  /// REQUIRES: in_range(q). The result may leave the range, which the caller checks; it is then any number out of
-  /// range.
+  /// REQUIRES: in_range(q). The caller checks whether the result is.
   std::int64_t operator()(std::int64_t q) const {
     if (shift_ == 30 && multiplier_ == kOne) return q;
     if (q == 0 || shift_ > 61) return 0;

@@ -58,7 +58,7 @@ Key empty_key(const CoefficientLayout& layout, BandMask bands, std::uint8_t step
 
 /// The quantiser steps: step_size(i) = 2^((i - 160) / 4), i = 0..255 (from 9.1e-13 to 1.4e7).
 double step_size(std::uint8_t index);
-/// The index of the largest step that is not above `size`; clamped to the table.
+/// Of the largest step that is not above `size`; clamped to the table.
 std::uint8_t step_index_below(double size);
 
 /// How finely keys are held and coded: the state's step, and the half spacing m of the levels of coarse runs in steps.
@@ -99,7 +99,7 @@ struct VelocityChannels {
   bool operator==(const VelocityChannels&) const = default;
 };
 
-/// Keys further apart than this are interpolated in a straight line, so that the arithmetic stays within 64 bits.
+/// Keys further apart are interpolated in a straight line, so that the arithmetic stays within 64 bits.
 inline constexpr TimeUs kLongestHermiteUs = 1'000'000;
 
 /// The cubic of Hermite at `at`/`of` of the way from key a to key b, `span_us` later, with the velocities that both

@@ -18,7 +18,7 @@ class RangeEncoder {
  public:
   explicit RangeEncoder(Bytes& out) : out_(out), begin_(out.size()) {}
 
-  /// Codes a decision that is true with probability p / 2^15, 0 < p < 2^15.
+  /// Codes a decision of probability p / 2^15, 0 < p < 2^15.
   void put(bool decision, std::uint32_t p) {
     const std::uint32_t bound = (range_ >> kProbabilityBits) * p;
     low_ += decision ? 0 : bound;

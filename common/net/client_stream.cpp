@@ -25,7 +25,6 @@ Error wrong_file(const std::string& file, const std::string& what, const error_c
   return fail(ErrorCode::kInvalidArgument, file + ": no " + what + " in PEM can be read here: " + why.message());
 }
 
-/// Shows the client's own certificate to brokers that ask for one.
 Result<void> load_own(ssl::context& context, const Credentials& own) {
   if (own.certificate_file.empty() && own.key_file.empty()) return {};
   if (own.certificate_file.empty() || own.key_file.empty()) {
@@ -64,7 +63,6 @@ std::string text_of(const GENERAL_NAME& name) {
   return text.data();
 }
 
-/// The names and addresses that a certificate is for.
 std::string names_of(const X509* certificate) {
   auto* names = static_cast<GENERAL_NAMES*>(X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr));
   std::string out;
@@ -83,7 +81,7 @@ std::string text_of(const ASN1_TIME* time) {
   return {text.data(), std::strftime(text.data(), text.size(), "%Y-%m-%d %H:%M UTC", &when)};
 }
 
-/// What is wrong with the certificate that is looked at, and what to do.
+/// What is wrong with the current certificate, and what to do.
 std::string complaint(X509_STORE_CTX* state, const std::string& host, const std::string& ca_file) {
   const X509* certificate = X509_STORE_CTX_get_current_cert(state);
   const int error = X509_STORE_CTX_get_error(state);

@@ -19,14 +19,14 @@
 
 namespace eigencast {
 
-/// The authorities and certificates of a client. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are verified, against the
-/// system's authorities or those of the URL's ca_file, unless it says `insecure`.
+/// The authorities and certificates of a client. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are
+/// verified, against the system's authorities or those of the URL's ca_file, unless it says `insecure`.
 /// Errors: kInvalidArgument (no certificate or key in a file that the URL names; a key of another certificate).
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
 
-/// Any handler of an asynchronous operation, on the executor that it asks for: a function that takes one is compiled once,
-/// not once for each kind of handler. May only be moved; to be called once.
+/// Any handler of an asynchronous operation, on the executor that it asks for: what takes one is compiled once, not once
+/// for each kind of handler. To be called once.
 template <typename... Results>
 class AnyHandler {
  public:
@@ -54,8 +54,7 @@ class AnyHandler {
   std::unique_ptr<Call> call_;
 };
 
-/// The bytes of a client's connection, plain or TLS, as Beast wants them. One thread at a time: its handlers run on the
-/// executor.
+/// A client's connection, plain or TLS, as Beast wants it. One thread at a time: its handlers run on the executor.
 class ClientStream {
  public:
   using next_layer_type = boost::beast::tcp_stream;

@@ -34,11 +34,10 @@ class HttpConnection {
   Result<HttpResponse> head(const std::string& target);
   Result<HttpResponse> put(const std::string& target, ByteView body);
 
-  /// Fetches the rest of an object of which `body` holds the beginning: asks for the range from body.size() on and
-  /// appends what comes, also when the call fails in between, so that the next call goes on from there. A server that
-  /// ignores the range (status 200) has `body` filled from the start. `progress` hears body.size() as it grows. The
-  /// response's own body holds only what an answer other than 200 or 206 said. `max_bytes` bounds the whole object.
-  /// Errors: as get().
+  /// Fetches the rest of an object of which `body` holds the beginning: appends what comes, also when the call fails in
+  /// between, so that the next call goes on from there. A server that ignores the range (status 200) has `body` filled
+  /// from the start. `progress` hears body.size() as it grows. The response's own body holds only what an answer other
+  /// than 200 or 206 said. `max_bytes` bounds the whole object. Errors: as get().
   Result<HttpResponse> get_rest(const std::string& target, std::uint64_t max_bytes, Bytes& body,
                                 const std::function<void(std::uint64_t)>& progress = {});
   void cancel();

@@ -35,7 +35,7 @@ bool is_host_character(char c, bool ipv6) {
   return std::isalnum(u) || c == '-' || c == '.' || c == '_';
 }
 
-/// Takes the scheme off; false: it is not one of ours.
+/// False: it is not one of ours.
 bool take_scheme(std::string_view& rest, bool& tls) {
   constexpr std::pair<std::string_view, bool> kSchemes[] = {
       {"ws://", false}, {"http://", false}, {"wss://", true}, {"https://", true}};

@@ -45,7 +45,6 @@ milliseconds retry_after_of(const ws::response_type& response) {
   return std::chrono::seconds(std::clamp(seconds, 0, 600));
 }
 
-/// What a refusal needs from people; empty: what the broker said is all.
 std::string advice_for(unsigned status, bool has_token) {
   if (status == 401 && !has_token) return " (give a token with --token, or in EIGENCAST_TOKEN)";
   if (status == 401) return " (the token that was given does not do)";

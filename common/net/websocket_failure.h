@@ -10,13 +10,12 @@
 #include "common/net/client_stream.h"
 #include "common/net/url.h"
 
-/// What the ways in which a connection of WebSocket fails mean: to people, and for the next try.
 namespace eigencast {
 
 /// After what only people can put right: a missing right, an expired token, a certificate that nobody vouches for.
 inline constexpr std::chrono::milliseconds kHopelessRetry{30'000};
 
-/// Why a connection ended, and whether trying again soon makes sense.
+/// Why a connection ended, for people and for the next try.
 struct WebSocketFailure {
   Error error;
   bool refused = false;
@@ -25,7 +24,6 @@ struct WebSocketFailure {
   bool for_good = false;  ///< Trying again would take away what somebody else was given.
 };
 
-/// TLS was not agreed upon.
 WebSocketFailure failure_of_handshake(const boost::system::error_code& ec, const ClientStream& stream,
                                       const BrokerUrl& url);
 
@@ -37,7 +35,6 @@ WebSocketFailure failure_of_upgrade(const boost::system::error_code& ec,
                                     const boost::beast::websocket::response_type& response, const std::string& where,
                                     bool has_token);
 
-/// It was up and has ended.
 WebSocketFailure failure_of_close(const boost::system::error_code& ec,
                                   const boost::beast::websocket::close_reason& reason, const std::string& where);
 

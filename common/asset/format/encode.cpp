@@ -29,8 +29,8 @@ void move_to_level(std::span<const std::uint32_t> map, std::uint32_t N, std::spa
   }
 }
 
-/// The last row of each chunk: the first chunk holds the base and at least `first` rows, each later one as many as came
-/// before it, up to what keeps a chunk near kTargetChunkBytes.
+/// The first chunk holds the base and at least `first` rows, each later one as many as came before it, up to what keeps
+/// a chunk near kTargetChunkBytes.
 std::vector<std::uint32_t> chunk_ends(const Asset& asset, std::uint32_t first) {
   const std::uint64_t row_bytes = std::uint64_t{asset.rank} * (asset.detail.size() > 0 ? 6 : 2) + 24;
   const std::uint64_t most = std::max<std::uint64_t>(asset_limits::kTargetChunkBytes / row_bytes, 1024);
@@ -137,7 +137,7 @@ class Encoder {
     return object;
   }
 
-  /// The structure tile of a chunk; afterwards faces_ holds all faces up to end_face at level range.end_row.
+  /// Afterwards faces_ holds all faces up to end_face at level range.end_row.
   Bytes structure(const ChunkRange& range, std::uint32_t end_face, const Predictors& predictors) {
     const auto part = [&](const auto& all) {
       return std::vector(all.begin() + range.first_row, all.begin() + range.end_row);

@@ -10,9 +10,8 @@
 
 namespace eigencast {
 
-/// One content-addressed object: its bytes and their hash.
 struct AssetObject {
-  Sha256 id;
+  Sha256 id;  ///< Of the bytes.
   Bytes bytes;
 };
 
@@ -25,8 +24,7 @@ struct EncodedAsset {
   std::size_t detail_bytes() const;  ///< Of them what Asset::detail takes.
 };
 
-/// How the basis is stored. The receivers' basis is the dequantised one, so a sender must project on
-/// decode(encode(asset)).
+/// How the basis is stored. Receivers have the dequantised one: a sender must project on decode(encode(asset)).
 struct AssetEncoding {
   std::uint32_t exact_columns = 4;        ///< Leading columns kept as float32, so that the rest pose stays exact.
   std::uint32_t first_chunk_rows = 1024;  ///< At least; each chunk doubles what is there.

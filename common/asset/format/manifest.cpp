@@ -35,7 +35,7 @@ Error too_large_in_manifest(std::string what, std::uint64_t value, std::uint64_t
                                         ", over the limit of " + std::to_string(limit));
 }
 
-/// A manifest being read: one function for each part of the grammar, in its order.
+/// One function for each part of the grammar, in its order.
 class Parser {
  public:
   explicit Parser(ByteView bytes) : in_(bytes) {}

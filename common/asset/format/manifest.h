@@ -24,7 +24,7 @@ enum class TileKind : std::uint8_t {
   kDetail = 22
 };
 
-/// One run of bytes inside a chunk. Tiles lie back to back in the order of the list.
+/// Tiles lie back to back in a chunk, in the order of the list.
 struct TileEntry {
   std::uint8_t kind = 0;   ///< TileKind, or one that this reader does not know.
   std::uint8_t index = 0;  ///< kBasis: the band. Else 0.
@@ -53,7 +53,7 @@ struct SectionEntry {
   Sha256 id;
 };
 
-/// The first object of an asset; its hash is the asset's id. It holds all that is needed to check the other objects.
+/// The first object of an asset; its hash is the asset's id.
 struct Manifest {
   AssetFacts facts;
   std::uint32_t exact_columns = 0;

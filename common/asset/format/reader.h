@@ -20,9 +20,7 @@ struct Predictors;
 struct StructureTile;
 
 /// Puts an asset together as its objects arrive. Safe on hostile input: each object is hashed before use, each length
-/// checked against the manifest, which is checked against the limits.
-///
-/// Not thread-safe.
+/// checked against the manifest, which is checked against the limits. Not thread-safe.
 class AssetReader {
  public:
   struct ChunkRef {
@@ -38,12 +36,10 @@ class AssetReader {
   static Result<AssetReader> from_manifest(const Sha256& id, ByteView manifest, std::size_t bands = kAllBands);
 
   const std::vector<ChunkRef>& chunks() const { return chunks_; }
-  /// Adds chunk `index`, whole or its first needed_bytes (as an HTTP range gives them); chunks must come in order.
-  /// After it asset().rows_ready has grown; after an error nothing has changed. Errors: kCorrupt, kInvalidArgument
-  /// (order).
+  /// Adds chunk `index`, whole or its first needed_bytes; chunks must come in order. After an error nothing has
+  /// changed. Errors: kCorrupt, kInvalidArgument (order).
   Result<void> add_chunk(std::size_t index, ByteView bytes);
-  /// What is there so far. Its arrays grow with the chunks, so memory is only ever taken for verified bytes; they move
-  /// then.
+  /// What is there so far. Its arrays grow, and move, with the chunks.
   const Asset& asset() const { return asset_; }
   Asset take() && { return std::move(asset_); }
 

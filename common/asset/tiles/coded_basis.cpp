@@ -64,8 +64,8 @@ class FloatModel {
   std::array<SignedModel, 40> contexts_;
 };
 
-/// The integer entries of a tile. Rows that are hard to predict are so in every column: how large a residual will be
-/// is predicted by those that the row has had, times what this column's have been beside that.
+/// The integer entries of a tile. Rows that are hard to predict are so in every column: the size of a residual is
+/// predicted by those that the row has had, times what this column's have been beside that.
 class ResidualModel {
  public:
   explicit ResidualModel(std::size_t rows) : of_row_(rows, 2 * kOne) {}

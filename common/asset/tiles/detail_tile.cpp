@@ -23,7 +23,7 @@ Error corrupt_detail(const std::string& what) {
   return fail(ErrorCode::kCorrupt, "detail tile: " + what);
 }
 
-/// Two planes of bytes with a number of 16 bits for each row of a column.
+/// Planes of the low and the high bytes of 16-bit numbers.
 struct Planes {
   std::uint8_t* low;
   std::uint8_t* high;
@@ -38,7 +38,6 @@ struct ConstPlanes {
   std::uint16_t get(std::size_t at) const { return static_cast<std::uint16_t>(low[at] | high[at] << 8); }
 };
 
-/// The row whose derivatives are most like those of `row`: the one that it contracts onto.
 std::size_t predicting_row(std::size_t row, std::uint32_t parent) {
   return parent < row ? parent : row - 1;
 }

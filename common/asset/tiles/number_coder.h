@@ -64,7 +64,6 @@ class BitReader {
     return decision;
   }
   bool pass_even(bool) { return decoder_.get_even(); }
-  /// All bytes were read, and none of them was needless.
   bool finished() const { return decoder_.finished(); }
 
  private:
@@ -96,7 +95,7 @@ class NumberModel {
   std::array<std::array<AdaptiveBit, kTree>, kMaxBits> tree_;
 };
 
-/// The same with a sign. -2^31 is one of them.
+/// The same with a sign.
 class SignedModel {
  public:
   template <typename Coder>

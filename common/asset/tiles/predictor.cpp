@@ -62,7 +62,7 @@ class Sample {
   std::vector<float> values_;
 };
 
-/// Gram matrix of the nearest candidates and their products with the row that is to be predicted.
+/// Gram matrix of the nearest candidates, and their products with the row to predict.
 struct Normal {
   std::size_t size = 0;
   std::array<std::uint32_t, kNearest> row{};
@@ -105,7 +105,6 @@ Weights solve(const Normal& normal, std::span<const std::size_t> chosen) {
   return w;
 }
 
-/// Squared length of the residual of the weighted candidates.
 double squared_residual(const Normal& normal, std::span<const std::size_t> chosen, const Weights& w) {
   double sum = normal.own;
   for (std::size_t i = 0; i < chosen.size(); ++i) {

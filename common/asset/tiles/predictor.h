@@ -32,13 +32,11 @@ struct Predictors {
   }
 };
 
-/// Predictors of all rows of an asset, by least squares over its integer columns among rows that are near in the order
-/// of contraction: those that predict a row's parent, its siblings and theirs. Costs on the order of n * 10^4
-/// operations.
+/// By least squares over the integer columns, among rows that are near in the order of contraction: those that predict
+/// a row's parent, its siblings and theirs. Costs on the order of n * 10^4 operations.
 ///   column_scales  of the columns from exact_columns on, as in the manifest
 Predictors choose_predictors(const Asset& asset, std::uint32_t exact_columns, std::span<const float> column_scales);
 
-/// The part of `all` that rows [begin, end) have.
 Predictors part_of(const Predictors& all, std::uint32_t begin, std::uint32_t end);
 
 }  // namespace eigencast

@@ -14,7 +14,7 @@
 /// The tiles of a chunk beside those of the basis, decompressed (docs/asset-format.md).
 namespace eigencast {
 
-/// What one chunk adds to the connectivity, and what it changes in the faces that came before.
+/// What a chunk adds to the connectivity, and what it changes in the faces that came before.
 struct StructureTile {
   std::vector<std::uint32_t> map;
   std::vector<std::uint32_t> source_vertex;
@@ -25,7 +25,6 @@ struct StructureTile {
   Predictors predictors;             ///< Of the new rows.
 };
 
-/// The rows of a chunk.
 struct ChunkRange {
   std::uint32_t first_row = 0, end_row = 0;
   std::uint32_t base_count = 0;    ///< q
