@@ -41,8 +41,8 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
 /// The m of a payload that decode_key has taken.
 std::uint8_t half_spacing_of(ByteView payload);
 
-/// `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says. Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it,
-/// overflow).
+/// `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says. Errors: kCorrupt (codec,
+/// lengths, trailing or missing bytes, a band that needs a state which lacks it, overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload);
 
 /// Payload of a kJoin frame: both keys, without prediction. Omits bands of the older key alone, which nothing can use.

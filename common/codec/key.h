@@ -108,9 +108,9 @@ inline constexpr TimeUs kLongestHermiteUs = 1'000'000;
 Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels& velocities, const Key& a,
                          const Key& b, TimeUs span_us, std::uint32_t at, std::uint32_t of);
 
-/// The pose `at`/`of` key intervals beyond `newer` (Eq. 9 of the same paper): newer + s (newer - older) with s = at/of, or, `damped`, with each
-/// further interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys. Moves bands of both
-/// keys and holds those of the newer one alone. REQUIRES: both keys fit `layout`, 1 <= at, of <= 15.
+/// The pose `at`/`of` key intervals beyond `newer` (Eq. 9 of the same paper): newer + s (newer - older) with s = at/of, or,
+/// `damped`, with each further interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys.
+/// Moves bands of both keys, holds those of the newer one alone. REQUIRES: both keys fit `layout`, 1 <= at, of <= 15.
 Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, const Key& newer, bool damped,
                           std::uint32_t at, std::uint32_t of);
 
