@@ -9,7 +9,6 @@
 #include <boost/asio/post.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <vector>
 
 #include "common/net/client_stream.h"
 #include "common/net/websocket_failure.h"
@@ -99,16 +98,9 @@ class HttpConnection::Impl {
     stream_ = std::make_unique<ClientStream>(io_.get_executor(), tls_);
     buffer_.clear();
     error_code ec;
-    std::vector<tcp::endpoint> endpoints;
-    if (const auto address = asio::ip::make_address(url_.host, ec); !ec) {
-      endpoints.emplace_back(address, url_.port);
-    } else {
-      // On this thread: an asynchronous lookup would take one of its own, and could not be broken off either.
-      for (const auto& entry : tcp::resolver(io_).resolve(url_.host, std::to_string(url_.port), ec)) {
-        endpoints.push_back(entry.endpoint());
-      }
-      if (ec) return give_up(fail(ErrorCode::kUnreachable, "host \"" + url_.host + "\" is not known: " + ec.message()));
-    }
+    // On this thread: an asynchronous lookup would take one of its own, and could not be broken off either.
+    const auto endpoints = tcp::resolver(io_).resolve(url_.host, std::to_string(url_.port), ec);
+    if (ec) return give_up(fail(ErrorCode::kUnreachable, "host \"" + url_.host + "\" is not known: " + ec.message()));
     tcp().expires_after(timeout_);
     tcp().async_connect(endpoints, [&](error_code why, const tcp::endpoint&) { ec = why; });
     run();

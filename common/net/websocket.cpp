@@ -42,7 +42,7 @@ using tcp = asio::ip::tcp;
 using boost::system::error_code;
 using std::chrono::milliseconds;
 
-constexpr std::string_view kSubprotocol = "eigencast.v1";
+constexpr beast::string_view kProtocol = "eigencast.v1";
 constexpr milliseconds kPoliteClose{500};
 /// A connection that held for so long counts as good: the next back-off starts afresh.
 constexpr TimeUs kGoodAfterUs = 2'000'000;
@@ -197,6 +197,7 @@ class Connection final : public WebSocket {
   }
 
   using LinkPtr = std::shared_ptr<Link>;
+  using Endpoints = tcp::resolver::results_type;
   bool is_current(const LinkPtr& link) const { return link == link_ && !stopping_; }
 
   void connect() {
@@ -215,18 +216,14 @@ class Connection final : public WebSocket {
     give_up_after(options_.connect_timeout, link);
     error_code not_numeric;
     const auto address = asio::ip::make_address(options_.url.host, not_numeric);
-    if (!not_numeric) return reach(link, {{address, options_.url.port}});
-    resolver_.async_resolve(options_.url.host, std::to_string(options_.url.port),
-                            [this, link](error_code ec, const tcp::resolver::results_type& found) {
-                              if (!is_current(link)) return;
-                              if (ec)
-                                return down(link,
-                                            {fail(ErrorCode::kUnreachable,
-                                                  "host \"" + options_.url.host + "\" is not known: " + ec.message())});
-                              std::vector<tcp::endpoint> endpoints;
-                              for (const auto& entry : found) endpoints.push_back(entry.endpoint());
-                              reach(link, std::move(endpoints));
-                            });
+    if (!not_numeric) return reach(link, Endpoints::create(tcp::endpoint(address, options_.url.port), "", ""));
+    const auto on_found = [this, link](error_code ec, const Endpoints& found) {
+      if (!is_current(link)) return;
+      const std::string why = "host \"" + options_.url.host + "\" is not known: " + ec.message();
+      if (ec) return down(link, {fail(ErrorCode::kUnreachable, why)});
+      reach(link, found);
+    };
+    resolver_.async_resolve(options_.url.host, std::to_string(options_.url.port), on_found);
   }
 
   /// One timer over name lookup, connecting and upgrade.
@@ -239,16 +236,14 @@ class Connection final : public WebSocket {
     });
   }
 
-  void reach(const LinkPtr& link, std::vector<tcp::endpoint> endpoints) {
-    // The endpoints must outlive the composed operation.
+  void reach(const LinkPtr& link, const Endpoints& endpoints) {
     link->doing = "connecting";
-    auto shared = std::make_shared<std::vector<tcp::endpoint>>(std::move(endpoints));
-    beast::get_lowest_layer(link->socket)
-        .async_connect(*shared, [this, link, shared](error_code ec, const tcp::endpoint&) {
-          if (!is_current(link)) return;
-          if (ec) return down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
-          secure(link);
-        });
+    const auto on_connected = [this, link](error_code ec, const tcp::endpoint&) {
+      if (!is_current(link)) return;
+      if (ec) return down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
+      secure(link);
+    };
+    beast::get_lowest_layer(link->socket).async_connect(endpoints, on_connected);
   }
 
   void secure(const LinkPtr& link) {
@@ -267,24 +262,21 @@ class Connection final : public WebSocket {
     const std::string& token = options_.url.credentials.token;
     link->socket.set_option(ws::stream_base::decorator([token](ws::request_type& request) {
       if (!token.empty()) request.set(beast::http::field::authorization, "Bearer " + token);
-      request.set(beast::http::field::sec_websocket_protocol,
-                  boost::string_view(kSubprotocol.data(), kSubprotocol.size()));
+      request.set(beast::http::field::sec_websocket_protocol, kProtocol);
     }));
     link->socket.read_message_max(limits::kMaxFrameBytes);
     link->socket.auto_fragment(false);
-    const bool has_token = !token.empty();
     link->target = options_.url.prefix + (events_.on_try ? events_.on_try() : options_.target);
-    link->socket.async_handshake(link->response, options_.url.authority(), link->target,
-                                 [this, link, has_token](error_code ec) {
-                                   if (!is_current(link)) return;
-                                   if (ec) return down(link, failure_of_upgrade(ec, link->response, where_, has_token));
-                                   const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
-                                   if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
-                                     const std::string what = where_ + " does not speak " + std::string(kSubprotocol);
-                                     return down(link, {fail(ErrorCode::kIncompatibleVersion, what), true});
-                                   }
-                                   opened(link);
-                                 });
+    const auto on_upgraded = [this, link, has_token = !token.empty()](error_code ec) {
+      if (!is_current(link)) return;
+      if (ec) return down(link, failure_of_upgrade(ec, link->response, where_, has_token));
+      if (link->response[beast::http::field::sec_websocket_protocol] != kProtocol) {
+        const std::string what = where_ + " does not speak " + std::string(kProtocol);
+        return down(link, {fail(ErrorCode::kIncompatibleVersion, what), true});
+      }
+      opened(link);
+    };
+    link->socket.async_handshake(link->response, options_.url.authority(), link->target, on_upgraded);
   }
 
   void opened(const LinkPtr& link) {

@@ -9,19 +9,7 @@
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
 
-/// A recording (docs/recording-format.md), little-endian:
-///
-///   file       = "ECRECOR\n" | version u32 = 1 | record*
-///   record     = length u32 | type u8 | time_us u64 | crc u32 | `length` bytes of body
-///   crc        = CRC-32C of length, type, time_us and body
-///   start      = started_unix_us u64 | stream (u8 length, text) | software (u8 length, text)        the first record
-///   announce   = the text of the control message
-///   frame      = a binary message of the sender
-///   checkpoint = a join frame: the state after the last frame before it
-///   object     = id (32 bytes) | an object of the asset
-///   index      = offset of the index before it u64, 0 if none | (time_us, checkpoint, announce) u64 each, 1 or more
-///   end        = offset of the last index u64 | frames u64 | lost u64                               the last record
-///   gap        = frames lost u64
+/// The bytes of a recording (docs/recording-format.md), little-endian.
 namespace eigencast::recording {
 
 inline constexpr std::array<std::uint8_t, 8> kMagic{'E', 'C', 'R', 'E', 'C', 'O', 'R', '\n'};
@@ -33,16 +21,8 @@ inline constexpr std::size_t kIndexEntryBytes = 24;
 inline constexpr std::size_t kMaxBodyBytes = (std::size_t{256} << 20) + 32;  ///< An object is the largest.
 inline constexpr std::size_t kIdBytes = 32;
 
-enum class Type : std::uint8_t {
-  kStart = 1,
-  kAnnounce = 2,
-  kFrame = 3,
-  kCheckpoint = 4,
-  kObject = 5,
-  kIndex = 6,
-  kEnd = 7,
-  kGap = 8,
-};
+/// Values are in files, from 1 on.
+enum class Type : std::uint8_t { kStart = 1, kAnnounce, kFrame, kCheckpoint, kObject, kIndex, kEnd, kGap };
 
 /// Where a reader may begin: a checkpoint, and the announcement that it belongs to, as offsets in the file.
 struct IndexEntry {

@@ -100,16 +100,11 @@ Result<void> check_stream_name(std::string_view name) {
   };
   if (name.empty()) return refuse("it is empty; give one, such as lab/horse");
   if (name.size() > limits::kMaxStreamNameBytes) return refuse("it is longer than 128 bytes");
-  for (std::size_t begin = 0; begin <= name.size();) {
-    const std::size_t end = std::min(name.find('/', begin), name.size());
-    const std::string_view segment = name.substr(begin, end - begin);
+  for (const std::string_view segment : split(name, '/')) {
     if (segment.empty()) return refuse("a segment is empty; segments are joined by single '/'");
     if (segment == "." || segment == "..") return refuse("a segment is '.' or '..'");
-    for (const char c : segment) {
-      if (!is_name_character(c))
-        return invalid("stream name: only A-Z a-z 0-9 . _ - and '/' between segments are allowed");
-    }
-    begin = end + 1;
+    if (!std::all_of(segment.begin(), segment.end(), is_name_character))
+      return invalid("stream name: only A-Z a-z 0-9 . _ - and '/' between segments are allowed");
   }
   return {};
 }
@@ -146,9 +141,7 @@ Result<void> check_format(const StreamFormat& format) {
 
 Result<Profile> profile_from_query(std::string_view query) {
   QueryParts parts;
-  while (!query.empty()) {
-    const std::string_view pair = query.substr(0, query.find('&'));
-    query.remove_prefix(std::min(pair.size() + 1, query.size()));
+  for (const std::string_view pair : split(query, '&')) {
     if (pair.empty()) continue;
     const std::string_view name = pair.substr(0, pair.find('='));
     const std::string_view value = pair.substr(std::min(name.size() + 1, pair.size()));

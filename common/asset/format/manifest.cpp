@@ -56,7 +56,6 @@ class Parser {
     if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end()))
       return corrupt_manifest("not one: its magic bytes are missing");
     const std::uint32_t version = in_.u32();
-    if (in_.failed()) return corrupt_manifest("ends too early");
     if (version == 0) return corrupt_manifest("version 0 does not exist");
     if (version != kVersion) {
       return fail(ErrorCode::kIncompatibleVersion, "asset manifest: format version " + std::to_string(version) +
@@ -72,7 +71,6 @@ class Parser {
     a.base_count = in_.u32();
     a.face_total = in_.u32();
     manifest_.exact_columns = in_.u32();
-    if (in_.failed()) return corrupt_manifest("ends too early");
     if (auto counts = check_counts(a); !counts) return in_context("asset manifest", counts.error());
     if (manifest_.exact_columns > a.rank) return corrupt_manifest("more exact columns than columns");
     return {};
