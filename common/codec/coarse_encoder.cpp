@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
 // append_coarse. All choices but the weights are made in integers, so that the bytes are the same on every machine.
 #include <algorithm>
 #include <cassert>
@@ -14,7 +13,6 @@ namespace {
 /// Costs of levels 0 to 4 of a rule in a context, in 1/256 bit. From 2 on the cost grows by the same amount per level.
 using LevelCosts = std::array<std::int32_t, 5>;
 
-/// By rule and context.
 using CostTable = std::array<std::array<LevelCosts, kContexts>, 2>;
 
 CostTable make_cost_table() {

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
 // Exact runs (docs/protocol.md): Golomb-Rice codes of one band, after Golomb 1966, "Run-length encodings", and Rice
 // 1979, "Some practical universal noiseless coding techniques".
 #include <algorithm>

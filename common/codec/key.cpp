@@ -34,7 +34,6 @@ std::int32_t between(std::int32_t a, std::int32_t b, double twice_at, double par
   return a + (difference < 0 ? -magnitude : magnitude);
 }
 
-/// The values [first, last) of the pose at/of between quantised keys.
 Result<void> interpolate_quantised(const Key& a, const Key& b, std::uint32_t at, std::uint32_t of, std::size_t first,
                                    std::size_t last, Key& out) {
   const std::int32_t* from = a.q.data();

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
 // append_quick: chooses each level alone, in 32-bit passes that the compiler vectorises.
 #include <algorithm>
 #include <array>

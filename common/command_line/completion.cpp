@@ -16,7 +16,6 @@ std::string joined(const std::vector<std::string>& words, const char* between) {
   return text;
 }
 
-/// An option, or a positional argument where it has no names.
 struct ListedOption {
   std::vector<std::string> names;    ///< "-o", "--out"
   std::string argument;              ///< "FLOAT", "NAME"; empty: a flag.
@@ -96,7 +95,6 @@ bool is_right_below(const ListedCommand& child, const ListedCommand& row) {
   return child.path.size() == row.path.size() + 1 && std::equal(row.path.begin(), row.path.end(), child.path.begin());
 }
 
-/// The names of the commands right below one.
 std::vector<std::string> children_of(const std::vector<ListedCommand>& rows, const ListedCommand& row) {
   std::vector<std::string> names;
   for (const ListedCommand& child : rows)
@@ -115,7 +113,6 @@ std::string identifier_from(std::string name) {
   return "_" + name;
 }
 
-// In single quotes of any of the shells.
 std::string in_quotes(const std::string& text) {
   std::string result = "'";
   for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);

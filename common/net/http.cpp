@@ -24,7 +24,6 @@ using boost::system::error_code;
 using Request = http::request<http::span_body<const std::uint8_t>>;
 
 constexpr std::size_t kPieceBytes = 64 * 1024;
-/// What an error page may say.
 constexpr std::uint64_t kMaxRemarkBytes = 64 * 1024;
 
 /// What a WebSocket's address says to those who may upgrade and do not.

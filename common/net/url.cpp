@@ -35,7 +35,6 @@ bool is_host_character(char c, bool ipv6) {
   return std::isalnum(u) || c == '-' || c == '.' || c == '_';
 }
 
-/// False: it is not one of ours.
 bool take_scheme(std::string_view& rest, bool& tls) {
   constexpr std::pair<std::string_view, bool> kSchemes[] = {
       {"ws://", false}, {"http://", false}, {"wss://", true}, {"https://", true}};

@@ -14,7 +14,6 @@
 namespace eigencast::recording {
 namespace {
 
-/// So many checkpoints make an index block.
 constexpr std::size_t kEntriesPerIndex = 16;
 
 }  // namespace

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
 // Control messages as JSON objects with an "op" (docs/protocol.md, "Control messages").
 #include <array>
 #include <cmath>
@@ -93,7 +92,6 @@ class Fields {
     if (reads() && (value.size() != 64 || value.find_first_not_of("0123456789abcdef") != std::string::npos))
       wrong(name, "must be 64 lower-case hexadecimal digits");
   }
-  /// An enumerator, by its word.
   template <typename Enum, std::size_t kCount>
   void word(const char* name, Enum& value, const EnumNames<Enum, kCount>& words) {
     std::string word(words[value]), allowed;
@@ -182,7 +180,6 @@ class Fields {
   std::optional<Error>* error_ = nullptr;
 };
 
-/// States the fields of each message.
 struct Describe {
   Fields& f;
 
@@ -308,12 +305,10 @@ struct Describe {
   }
 };
 
-/// The "op" of each alternative of ControlMessage.
 constexpr std::array<std::string_view, std::variant_size_v<ControlMessage>> kOps{
     "welcome", "announce", "announced", "subscribers",   "subscribe", "unsubscribe", "stream", "ack",
     "ping",    "pong",     "trace",     "trace_request", "notice",    "error",       "bye"};
 
-/// The empty message of an op; nothing if there is no such op.
 template <std::size_t kIndex = 0>
 std::optional<ControlMessage> message_of(std::string_view op) {
   if constexpr (kIndex < kOps.size()) {

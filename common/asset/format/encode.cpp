@@ -44,8 +44,7 @@ std::vector<std::uint32_t> chunk_ends(const Asset& asset, std::uint32_t first) {
   return ends;
 }
 
-/// The step of each column with which all columns add equally to the error, sum_k (amplitude_k step_k)^2 / 12 =
-/// error^2.
+/// Columns add equally to the error: sum_k (amplitude_k step_k)^2 / 12 = error^2.
 std::vector<double> steps_of(const AssetEncoding& encoding, std::uint32_t rank) {
   if (encoding.amplitudes.size() != rank || !(encoding.error > 0)) return {};
   std::vector<double> steps;
@@ -159,7 +158,6 @@ class Encoder {
     return raw;
   }
 
-  /// What readers need not know.
   void add_extras(std::uint32_t end_row, std::vector<NewTile>& tiles) const {
     if (asset_.splats.size() > 0) {
       tiles.push_back(packed(TileKind::kSplats, 0,

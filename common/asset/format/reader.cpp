@@ -168,8 +168,7 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
   return {};
 }
 
-/// What is not required is there for all rows or for none: a chunk without it, or without the part of it that has it,
-/// ends it.
+/// What is not required is there for all rows or for none: a chunk without it ends it.
 Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map) {
   const auto colour_tile = find_tile(entry, bytes, TileKind::kColours);
   std::vector<std::array<std::uint8_t, 3>> colours;

@@ -192,7 +192,6 @@ class Chooser {
     return normal;
   }
 
-  /// About how many bits the row takes.
   double bits(double squared_error, std::size_t predictors) const {
     const double each = squared_error / static_cast<double>(sample_.width());
     return 0.5 * columns_ * std::log2(0.3 + each) + kBitsOfOne * static_cast<double>(predictors);

@@ -16,7 +16,6 @@ const std::array<std::uint16_t, 2>* predicting_uv(const AssetTexture& t, std::ui
   return wedge > 0 ? &t.uvs[wedge - 1] : nullptr;
 }
 
-/// How many wedges each row has, and their parents.
 Result<void> read_rows(ByteReader& in, std::uint32_t W, std::uint32_t base_count, std::span<const std::uint32_t> map,
                        AssetTexture& t) {
   t.first_wedge.assign(1, 0);
