@@ -15,10 +15,8 @@
 
 namespace eigencast {
 
-/// How coefficients become bytes.
 enum class CodecKind : std::uint8_t { kFloat64 = 0, kFloat32 = 1, kQuantised = 2 };
 
-/// As in control messages.
 inline constexpr EnumNames<CodecKind, 3> kCodecNames{{"float64", "float32", "quantised"}};
 constexpr std::string_view name_of(CodecKind kind) {
   return kCodecNames[kind];

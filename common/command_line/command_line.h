@@ -21,7 +21,6 @@ class Validator;
 
 namespace eigencast {
 
-/// One option of a program, as an entry of a table.
 struct OptionEntry {
   struct Range {
     double low = 0, high = 0;

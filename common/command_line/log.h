@@ -21,7 +21,6 @@ enum class LogFormat {
 ///   min_level  messages below are left out
 std::shared_ptr<spdlog::logger> stderr_logger(LogLevel min_level, LogFormat format = LogFormat::kTerminal);
 
-/// Binds the messages of libraries to a program's log.
 LogSink sink_to(std::shared_ptr<spdlog::logger> logger);
 
 }  // namespace eigencast

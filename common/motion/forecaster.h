@@ -11,8 +11,7 @@
 namespace eigencast {
 
 /// Decides when the broker estimates poses beyond the newest key, so that k poses per key interval arrive in time although
-/// keys are late or missing. It holds nothing: keys are forwarded at once, and an estimate of media time m is due at
-/// m + delay.
+/// keys are late or missing. Keys are forwarded at once; an estimate of media time m is due at m + delay.
 ///
 /// The delay is the 90th percentile of (arrival - capture) over the last kWindowUs, at most half a key interval above the
 /// minimum: estimates replace later keys. It grows at once and shrinks by at most 1/kSlew of the time that passes.
@@ -43,7 +42,7 @@ class Forecaster {
   std::optional<Pacer::Due> pop_due(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
   void reset();
-  /// The delay in force; nothing before the first key.
+  /// Nothing before the first key.
   std::optional<TimeUs> delay_us() const { return delay_us_; }
 
  private:

@@ -60,11 +60,10 @@ class Pacer {
   const std::deque<Due>& waiting() const { return queue_; }
   /// Forgets everything, as at a new epoch.
   void reset();
-  /// Poses dropped or never made because newer ones overtook them, in total.
+  /// Poses dropped or never made because newer ones overtook them.
   std::uint64_t dropped() const { return dropped_; }
 
  private:
-  /// The delay that one bridged key needed.
   struct Sample {
     TimeUs arrival_us;
     TimeUs need_us;  ///< Arrival, plus the intervals of further keys, minus the media time of the first waiting pose.

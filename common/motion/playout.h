@@ -27,7 +27,6 @@ class Correction {
   void add(std::span<const double> error, TimeUs now_us);
   /// Adds what remains of the errors at `now_us` to the right pose. Does not change a pose of another size.
   void apply(std::span<double> pose, TimeUs now_us) const;
-  /// Whether apply() would change anything.
   bool active(TimeUs now_us) const { return !error_.empty() && remaining(now_us) > 0; }
   void reset() { error_.clear(); }
 
@@ -38,7 +37,6 @@ class Correction {
   TimeUs since_us_ = 0;
 };
 
-/// How a viewer makes a pose for each display time.
 enum class PlayoutMode : std::uint8_t {
   kLatest,       ///< The newest pose as it is: no added delay, motion as even as the arrivals.
   kInterpolate,  ///< Interpolate between poses; hold the newest where the next one is late.
@@ -74,7 +72,6 @@ struct PlayoutPose {
 ///   corrections     where a new pose shows that the shown one was wrong (estimated, or held), the error fades (see
 ///                   Correction). A pose that is not an estimate replaces the broker's estimates.
 ///   old poses       poses not after the newest are dropped; at most kMaxPoses are kept
-///
 /// Time comes in as arguments. Not thread-safe.
 class Playout {
  public:
@@ -97,7 +94,6 @@ class Playout {
   bool add(PlayoutPose pose, TimeUs arrival_us);
   /// The pose to show at `now_us`, which does not go back; nothing before the first one came.
   std::optional<PlayoutPose> at(TimeUs now_us);
-  /// How long poses are held deliberately.
   TimeUs delay_us() const;
   /// Forgets all poses, as at a new epoch.
   void reset();

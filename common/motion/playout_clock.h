@@ -32,9 +32,7 @@ class PlayoutClock {
   bool started() const { return !arrivals_.empty(); }
   /// The media time to show at `now_us`, poses held for `delay_us`. REQUIRES: started().
   TimeUs advance(TimeUs now_us, TimeUs delay_us);
-  /// Whether the last advance() jumped.
   bool jumped() const { return jumped_; }
-  /// Continues from `media_us` shown at `now_us`.
   void continue_from(TimeUs media_us, TimeUs now_us) { reading_ = Reading{now_us, media_us}; }
   void reset() { *this = {}; }
 
@@ -53,7 +51,7 @@ class PlayoutClock {
   TimeUs newest_media_us_ = 0;
   TimeUs min_offset_us_ = 0;
   TimeUs full_delay_us_ = 0;
-  bool jumped_ = false;
+  bool jumped_ = false;  ///< By the last advance().
   std::optional<Reading> reading_;
 };
 
