@@ -5,7 +5,6 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket/error.hpp>
 #include <charconv>
-#include <string_view>
 
 namespace eigencast {
 namespace {

@@ -120,22 +120,18 @@ bool Reader::load_index(std::uint64_t offset) {
 }
 
 void Reader::scan() {
-  std::uint64_t offset = first_;
+  std::uint64_t offset = first_, announce = 0;
   while (const auto record = record_at(offset)) {
     if (record->time_us < info_.duration_us) break;
     info_.duration_us = record->time_us;
-    note(offset, *record);
+    if (record->type == Type::kFrame) ++info_.frames;
+    if (record->type == Type::kAnnounce) announce = offset;
+    if (record->type == Type::kCheckpoint && announce != 0) index_.push_back({record->time_us, offset, announce});
+    if (record->type == Type::kGap) info_.lost += ByteReader(record->body).u64();
     offset += kHeadBytes + record->body.size();
   }
   info_.whole_bytes = offset;
   info_.torn_bytes = size_ - offset;
-}
-
-void Reader::note(std::uint64_t offset, const Record& record) {
-  if (record.type == Type::kFrame) ++info_.frames;
-  if (record.type == Type::kAnnounce) announce_ = offset;
-  if (record.type == Type::kCheckpoint && announce_ != 0) index_.push_back({record.time_us, offset, announce_});
-  if (record.type == Type::kGap) info_.lost += ByteReader(record.body).u64();
 }
 
 bool Reader::read_at(std::uint64_t offset, std::size_t count, Bytes& out) {

@@ -68,7 +68,6 @@ class Reader {
   bool load_end();
   bool load_index(std::uint64_t offset);
   void scan();
-  void note(std::uint64_t offset, const Record& record);
   bool read_at(std::uint64_t offset, std::size_t count, Bytes& out);
   std::optional<Head> head_at(std::uint64_t offset);
   /// The whole record at `offset`, whose head fits into the file and whose sum is right; nothing otherwise.
@@ -78,7 +77,6 @@ class Reader {
   std::uint64_t size_ = 0;
   std::uint64_t at_ = kHeaderBytes;
   std::uint64_t first_ = kHeaderBytes;  ///< The record behind "start".
-  std::uint64_t announce_ = 0;          ///< While scanning.
   Info info_;
   std::vector<IndexEntry> index_;
   std::optional<Record> pending_;

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/asset/tiles/basis_tile.h"
 
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cmath>
 #include <string>
 
 #include "common/asset/asset_limits.h"

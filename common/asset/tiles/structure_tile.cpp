@@ -12,8 +12,7 @@ namespace {
 class Descendants {
  public:
   /// new_map: map of rows first_row .. end_row. REQUIRES: each entry below its own row.
-  Descendants(std::uint32_t first_row, std::span<const std::uint32_t> new_map)
-      : first_row_(first_row), begin_(first_row + 1, 0) {
+  Descendants(std::uint32_t first_row, std::span<const std::uint32_t> new_map) : begin_(first_row + 1, 0) {
     if (first_row == 0) return;  // Nothing came before; base vertices are their own parents.
     root_.reserve(new_map.size());
     for (const std::uint32_t parent : new_map) root_.push_back(parent < first_row ? parent : root_[parent - first_row]);
@@ -27,10 +26,8 @@ class Descendants {
   std::span<const std::uint32_t> of(std::uint32_t v) const {
     return std::span(rows_).subspan(begin_[v], begin_[v + 1] - begin_[v]);
   }
-  std::uint32_t first_row() const { return first_row_; }
 
  private:
-  std::uint32_t first_row_;
   std::vector<std::uint32_t> root_;   // per new row
   std::vector<std::uint32_t> begin_;  // per earlier vertex, into rows_
   std::vector<std::uint32_t> rows_;
