@@ -357,7 +357,7 @@ class GpuRebuilder final : public SurfaceRebuilder {
     copy_colours(sums_.framebuffer(), shared_.framebuffer(), kSumsWidth, sums_.height());
     shared_.bind();
     share_.use();
-    share_.set("size", sums_.size());
+    share_.set("size", shared_.size());
     bind_texture(kSumsUnit, GL_TEXTURE_2D, sums_.texture());
     glDrawArraysInstanced(GL_POINTS, static_cast<GLint>(whole), static_cast<GLsizei>(N - whole),
                           generations(*job.level, job.asset->map));

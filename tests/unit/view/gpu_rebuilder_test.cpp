@@ -209,6 +209,15 @@ TEST_F(GpuRebuilders, AgreeForEveryBasisAndLevel) {
   }
 }
 
+TEST_F(GpuRebuilders, NormalsMorphAfterALargerSurface) {
+  show(sphere_asset(6));
+  turn(1, 1'000'000);
+  expect_the_same();
+  show(sphere_asset(5));
+  turn(0.5, 1'000'000);
+  for (int picture = 0; turn(1) && picture < 5 && !HasFatalFailure(); ++picture) expect_the_same();
+}
+
 TEST_F(GpuRebuilders, DetailIsRebuiltOnTheProcessor) {
   show(baked(BasisKind::kHarmonic, 1e-4, false, DetailKind::kFrames));
   turn(0.02, 1'000'000);
