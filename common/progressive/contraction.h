@@ -22,8 +22,8 @@ struct Step {
 };
 
 /// Contractions of a mesh in order, at least cost over all poses, of which the first, the rest pose, says what hangs
-/// together. No face has a repeated corner; positions are finite and of unit size. `seams`: edges (the lower vertex first;
-/// ascending) that hold their line as boundaries do. Ends early once it is unwanted.
+/// together. No face has a repeated corner; positions are finite and of unit size. `seams`: edges (the lower vertex
+/// first; ascending) that hold their line as boundaries do. Ends early once it is unwanted.
 std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
                                 const std::atomic<bool>& unwanted);

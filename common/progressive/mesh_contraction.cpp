@@ -14,7 +14,6 @@ constexpr double kMinShape = 0.02;  // Height over length of a face.
 constexpr std::size_t kMaxMeshNeighbours = 24;
 constexpr std::uint32_t kSmallComponent = 4;  // Vertices of the smallest closed surface.
 
-/// What a contraction must keep.
 enum class Rules {
   kTopology,  ///< The surface's topology, its boundary, and the side that faces show.
   kSides,     ///< Only the side that faces show.

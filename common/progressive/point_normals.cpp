@@ -146,10 +146,10 @@ class Camera {
   std::vector<float> depth_;  // along d_: the largest is in front
 };
 
-/// Draws the points from 64 directions, each a disc across its normal, into a buffer of depths: what is seen of a closed
-/// surface is seen from outside. Points deep inside a fold may be seen from nowhere; sheets are seen from both sides.
-/// After Katz, Tal, Basri 2007, "Direct visibility of point sets", in its aim, not in its means. Normals have any sign;
-/// points of radius 0 neither hide nor vote. The same votes on any number of threads. Takes up to 64 MB a thread.
+/// Draws the points from 64 directions, each a disc across its normal, into a buffer of depths: what is seen of a
+/// closed surface is seen from outside. Points deep inside a fold may be seen from nowhere; sheets are seen from both
+/// sides. After Katz, Tal, Basri 2007, "Direct visibility of point sets", in its aim, not in its means. Normals have
+/// any sign; points of radius 0 neither hide nor vote. The votes do not depend on the threads, up to 64 MB each.
 std::vector<SideVote> side_votes(std::span<const Vec3> positions, std::span<const Vec3> normals,
                                  std::span<const double> radii) {
   std::vector<SideVote> votes(positions.size());

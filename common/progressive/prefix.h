@@ -30,7 +30,6 @@ inline const std::atomic<bool> kWanted = false;
 /// Meshes: half-edge contraction with quadrics (Garland & Heckbert 1997, "Surface Simplification Using Quadric Error
 /// Metrics"); clouds: half point-pair contraction with point quadrics (Pauly, Gross, Kobbelt 2002, "Efficient
 /// simplification of point-sampled surfaces"). The same bits for the same surface; about a second for 100,000 vertices.
-///
 /// The base has about a hundredth of the vertices, at least 4. Down to it a mesh keeps its topology (the link
 /// condition) and its boundaries, except that
 ///   - vertices of no face go first, and vertices as soon as they have lost their last face: nothing shows them;

@@ -12,8 +12,7 @@ namespace eigencast {
 
 /// What a point cloud needs to be drawn as discs at any level of detail and in any pose, by rows of its prefix order.
 ///   frame   n: two other rows, both there whenever the row is; with the row itself they span the frame that turns with
-///           the surface: t = to the first, m = t x to the second, b = m x t, each of unit length. Twice the row itself:
-///           the axes
+///           the surface: t = to the first, m = t x to the second, b = m x t, of unit length. Twice itself: the axes
 ///   normal  n: unit normal of the rest pose in that frame, (t, b, m)
 ///   radius  n: of the row's disc when the row appears, at level row + 1 (a row of the base: at the base's level),
 ///           where it covers, seen along its normal, all that will be split off it and looks the same way

@@ -36,8 +36,8 @@ struct WholeCoefficients {
   std::array<float, 3> unit{};
 };
 
-/// An asset's basis in tiles for the kernels. A column of entries that all lie on the asset's grid to the bit is stored as
-/// 16-bit integers, without loss, else as floats. Takes n x r x 2 to 4 bytes beside the asset. Reading is thread-safe.
+/// An asset's basis in tiles for the kernels. A column whose entries lie on the asset's grid to the bit is stored as
+/// 16-bit integers, else as floats. Takes n x r x 2 to 4 bytes beside the asset. Reading is thread-safe.
 class BasisTiles {
  public:
   /// Takes the rows of `asset` that have arrived since; at most the first `rows`. Always call it with the same asset.
@@ -54,9 +54,9 @@ class BasisTiles {
 
   /// The tiles from number `first` on, and of them the first `rank` columns.
   kernel::Tiles view(std::size_t first, std::uint32_t rank) const;
-  /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit per axis: integer products are
-  /// twice as fast. Nothing where rounding would add more than a sixteenth to the squared error of the basis' own grid (3 %
-  /// of the error), where the first `rank` columns have no integers, or where C is not finite.
+  /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit per axis: integer products
+  /// are twice as fast. Nothing where rounding would add more than a sixteenth to the squared error of the basis' own
+  /// grid (3 % of the error), where the first `rank` columns have no integers, or where C is not finite.
   std::optional<WholeCoefficients> whole_coefficients(std::span<const double> C, std::uint32_t channels,
                                                       std::uint32_t rank) const;
 

@@ -38,8 +38,8 @@ struct Tiles {
 
 /// Coefficients of one pose, and room for its positions.
 ///   C       columns x 3, float columns first
-///   whole   integer coefficients of the integer columns, pair after pair, the two of a pair side by side for each axis; no
-///           sum of products with a row's integers may exceed 2^31 - 1. Null: use C for all columns
+///   whole   integer coefficients of the integer columns, pair after pair, the two of a pair side by side for each
+///           axis; no sum of products with a row's integers may exceed 2^31 - 1. Null: use C for all columns
 ///   unit    of the product of two integers, for each axis
 ///   X       rows x 3, row-major
 struct Pose {

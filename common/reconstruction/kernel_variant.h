@@ -32,8 +32,8 @@ inline void fetch(const void* at) {
   for (std::size_t i = 0; i < kBytes; i += kAlignment) __builtin_prefetch(static_cast<const char*>(at) + i, 0, 2);
 }
 
-/// Prefetches every `turns`-th column, or pair, of the next tile, the first after `left` others, so that all passes load
-/// memory evenly. A lone pass is bound by memory: it prefetches a little ahead and leaves the rest to the hardware
+/// Prefetches every `turns`-th column, or pair, of the next tile, the first after `left` others, so that all passes
+/// load memory evenly. A lone pass is bound by memory: it prefetches a little ahead and leaves the rest to the hardware
 /// prefetcher, which keeps more requests in flight.
 struct Prefetcher {
   std::size_t left, turns;

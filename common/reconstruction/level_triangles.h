@@ -9,16 +9,15 @@
 
 namespace eigencast {
 
-/// The triangles of a changing level of detail: from N to N' only the faces of the vertices in between change. Going there
-/// and back gives the same triangles. After Hoppe 1996, "Progressive Meshes". Follows an asset as it arrives. Takes 4
-/// bytes for each level at which a corner of a face changes. Not thread-safe.
+/// The triangles of a changing level of detail: from N to N' only the faces of the vertices in between change. Going
+/// there and back gives the same triangles. After Hoppe 1996, "Progressive Meshes". Follows an asset as it arrives.
+/// Takes 4 bytes for each level at which a corner of a face changes. Not thread-safe.
 class LevelTriangles {
  public:
-  /// Indices uploaded together.
-  static constexpr std::size_t kBlock = 1024;
+  static constexpr std::size_t kBlock = 1024;  ///< Indices uploaded together.
 
-  /// Takes new rows and faces and returns the triangles of the level, clamped to what has arrived; true if they may have
-  /// changed. O(vertices + faces).
+  /// Takes new rows and faces and returns the triangles of the level, clamped to what has arrived; true if they may
+  /// have changed. O(vertices + faces).
   bool update(const Asset& asset, std::vector<std::uint32_t>& triangles);
   /// Call it before following another asset.
   void forget() { rows_ = 0, faces_.clear(); }
@@ -29,8 +28,7 @@ class LevelTriangles {
   std::uint32_t level() const { return level_; }
   std::span<const std::uint32_t> map() const { return map_; }  ///< Asset::map of the arrived rows.
 
-  /// Grows with every change.
-  std::uint64_t version() const { return version_; }
+  std::uint64_t version() const { return version_; }  ///< Grows with every change.
   /// For each run of kBlock indices the version at which one of them changed last.
   const std::vector<std::uint64_t>& block_versions() const { return block_versions_; }
 

@@ -22,9 +22,9 @@ struct PoseToRebuild {
   std::span<float> normals{};
 };
 
-/// X = Psi C, the hot kernel: follows an asset as it arrives, and rebuilds all poses of a call in one pass over the basis.
-/// Where the asset has detail (see DetailKind) two more such products give each vertex the frame of its offset. A vertex
-/// is the same at every level. rebuild() is thread-safe without a concurrent update(); it uses the process's threads.
+/// X = Psi C, the hot kernel: follows an asset as it arrives, and rebuilds all poses of a call in one pass over the
+/// basis. Where the asset has detail (see DetailKind) two more such products give each vertex the frame of its offset.
+/// A vertex is the same at every level. rebuild() is thread-safe without a concurrent update(); it uses all threads.
 class Reconstructor {
  public:
   /// threads: 0 as many as pay (default), 1 the caller's only.
@@ -37,10 +37,10 @@ class Reconstructor {
   const BasisTiles& tiles() const { return tiles_; }
   bool has_detail() const { return detail_.rows() > 0; }
 
-  /// The first N rows from the first `rank` columns; may skip the rows before `first`. Differs from the sum in double by at
-  /// most 1e-6 of the sum of its terms' magnitudes; rounding coefficients to 16 bits adds at most 3 % to the error of the
-  /// basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each C.size() >= rank *
-  /// channels, channels >= 3.
+  /// The first N rows from the first `rank` columns; may skip the rows before `first`. Differs from the sum in double
+  /// by at most 1e-6 of the sum of its terms' magnitudes; rounding coefficients to 16 bits adds at most 3 % to the
+  /// error of the basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each
+  /// C.size() >= rank * channels, channels >= 3.
   void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N,
                std::uint32_t first = 0) const;
   void rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
@@ -83,8 +83,7 @@ void normalise(std::span<float> vectors);
 ///   normals  room for as many floats as positions
 void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals);
 
-/// Radii of a point cloud's discs at level N, at rest; 0 without splats. O(N).
-///   radii  room for N
+/// Radii of a point cloud's discs at level N, at rest, into room for N; 0 without splats. O(N).
 /// REQUIRES: asset.base_count <= N <= asset.rows_ready.
 void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii);
 
@@ -92,10 +91,10 @@ void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii);
 /// rows_ready).
 std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 
-/// Projects positions on the receivers' basis: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and W
-/// the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The Gram
-/// matrix also corrects for the quantisation of the basis.
-/// Thread-safe; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and memory as BasisTiles says.
+/// Projects positions on the receivers' basis: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and
+/// W the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The
+/// Gram matrix also corrects for the quantisation of the basis.
+/// Thread-safe; uses all threads. Setting up costs n r^2 / 2 multiplications once, and memory as BasisTiles says.
 class Projector {
  public:
   /// REQUIRES: asset.complete(); keeps a reference, so the asset must outlive it. Errors: kNumerical (Gram matrix not

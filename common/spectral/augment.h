@@ -24,8 +24,8 @@ struct Candidates {
 /// Without the harmonics.
 Candidates candidates_from(std::span<const Vec3> rest, const Eigen::VectorXd& mass);
 
-/// The orthonormal columns of an augmented basis of `rank` (see build_basis), with products of phi_2 to phi_K. Fewer than
-/// `rank` where the harmonics do not suffice. Frees from.harmonics.
+/// The orthonormal columns of an augmented basis of `rank` (see build_basis), with products of phi_2 to phi_K. Fewer
+/// than `rank` where the harmonics do not suffice. Frees from.harmonics.
 Eigen::MatrixXd augment(Candidates& from, int K, int rank);
 
 /// How many harmonics such a basis takes, with the constant, estimated on a coarser surface of some thousand vertices.

@@ -9,7 +9,6 @@
 
 namespace eigencast {
 
-/// The kind of a basis' columns.
 enum class BasisKind : std::uint8_t {
   kAugmented,  ///< Harmonics and their products with the rest pose, which it holds; for any motion.
   kHarmonic,   ///< The lowest manifold harmonics; for any motion.
@@ -18,7 +17,6 @@ enum class BasisKind : std::uint8_t {
   kPca,        ///< Principal components of poses.
 };
 
-/// The solver of the harmonics.
 enum class EigenSolver : std::uint8_t {
   kLanczos,  ///< Ours: block Lanczos in bands, for surfaces of any size.
   kSpectra,  ///< The library Spectra: a second opinion for small surfaces (spectra_solver.cpp).

@@ -74,9 +74,9 @@ class BlockLanczos {
     }
   }
 
-  /// Orthogonalises W against the deflated panels, then those from `first` on, where most of it lies, then all: twice is
-  /// enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Then against the deflated panels again: else rounding
-  /// grows from block to block until the kernel reappears. Returns the coefficients along the panels from `first` on.
+  /// Orthogonalises W against the deflated panels, then those from `first` on, where most of it lies, then all: twice
+  /// is enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Then against the deflated panels again: else
+  /// rounding grows until the kernel reappears. Returns the coefficients along the panels from `first` on.
   Eigen::MatrixXd orthogonalise(double* W, Eigen::Index first) const {
     subtract_deflated(W);
     Eigen::MatrixXd along = subtract_along(W, first);

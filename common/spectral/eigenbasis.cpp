@@ -39,8 +39,8 @@ std::string stage_text(double bytes) {
   return "eigenvectors (about " + tenths.substr(0, tenths.size() - 1) + "." + tenths.back() + " GB of memory)";
 }
 
-/// Finds eigenpairs of S band by band upwards. `boundary_` lies in a gap of the spectrum; all eigenvalues below it are in
-/// `values_`, by the inertia of S - boundary_ I.
+/// Finds eigenpairs of S band by band upwards. `boundary_` lies in a gap of the spectrum; all eigenvalues below it are
+/// in `values_`, by the inertia of S - boundary_ I.
 class Bands {
  public:
   Bands(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m, const Progress& progress)

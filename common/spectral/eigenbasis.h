@@ -24,7 +24,7 @@ struct Eigenbasis {
   double residual = 0;       ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, first nonzero lambda)
   bool certified = false;    ///< No eigenvalue is missing: by inertia at a gap above lambda_m, or all were computed.
   bool approximate = false;  ///< See approximate_eigenbasis: a smooth basis, whose `residual` is large.
-  /// Where approximate: how many eigenvalues below the last one are missing, by inertia; empty where there is no factor.
+  /// Where approximate: eigenvalues missing below the last one, by inertia; empty where there is no factor.
   std::optional<int> missed;
 };
 
@@ -32,8 +32,8 @@ struct Eigenbasis {
 /// Geometry Processing with Manifold Harmonics"; a dense solver up to n = 512. Beyond: approximations (multilevel.h),
 /// which the result says. Uses the process's threads. The stage that progress reports says how much memory it takes
 /// where that is above 1 GB, before it is taken; about 8 n (4 m + 90) bytes for m = 200, half that beyond 150,000
-/// vertices. Same input, same bits on the same instruction set. REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled,
-/// kInvalidArgument (m too large for n), kTooLarge (more memory than is free; more vertices than kSpectra takes).
+/// vertices. Same input, same bits on the same instruction set. REQUIRES: 1 <= m < n / 2. Errors: kNumerical,
+/// kCancelled, kInvalidArgument (m too large for n), kTooLarge (memory; more vertices than kSpectra takes).
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {},
                                     EigenSolver solver = EigenSolver::kLanczos);
 

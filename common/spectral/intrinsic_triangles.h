@@ -29,9 +29,8 @@ bool has_edge_of_many_faces(std::span<const Face> faces, std::size_t vertex_coun
 /// Nonmanifold Triangle Meshes"; flips of lengths alone as of Fisher, Springborn, Bobenko, Schroeder 2006, "An
 /// Algorithm for the Construction of Intrinsic Delaunay Triangulations"). Each face has two sides, glued around an edge
 /// to the next side that faces it: the cover of any input is closed, manifold and oriented. Its matrices are twice the
-/// surface's; its weights are not negative.
-///   lengths  of the faces, mollified so that none is degenerate
-/// REQUIRES: three different corners in each face. O(F log F) plus the flips, at most 30 per edge.
+/// surface's; its weights are not negative. O(F log F) plus the flips, at most 30 per edge.
+/// REQUIRES: three different corners in each face; lengths mollified so that none is degenerate.
 IntrinsicTriangles delaunay_cover(std::span<const Vec3> positions, std::span<const Face> faces,
                                   std::span<const EdgeLengths> lengths);
 

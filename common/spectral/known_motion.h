@@ -22,9 +22,9 @@ struct SpanningColumns {
   std::vector<double> W;  ///< n x c, row-major; columns of equal effect have equal length.
 };
 
-/// Columns that span every pose of a rigged surface. With p the bind pose: w_j and w_j p for each bone j in use, and w_j d
-/// for each morph target d that moves its vertices. p and d are about the bind pose's middle, in units of half its
-/// diagonal. Errors: kTooLarge (more than SpanningColumns takes).
+/// Columns that span every pose of a rigged surface. With p the bind pose: w_j and w_j p for each bone j in use, and
+/// w_j d for each morph target d that moves its vertices. p and d are about the bind pose's middle, in units of half
+/// its diagonal. Errors: kTooLarge (more than SpanningColumns takes).
 Result<SpanningColumns> columns_from_rig(const Rig& rig);
 
 /// A surface's motion, for a basis that is made for it alone (build_motion_basis).

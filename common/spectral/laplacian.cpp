@@ -111,7 +111,6 @@ Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, 
   return result;
 }
 
-/// The median of the positive masses.
 double median_mass(const Eigen::VectorXd& mass) {
   std::vector<double> positive;
   std::copy_if(mass.begin(), mass.end(), std::back_inserter(positive), [](double m) { return m > 0; });
@@ -214,9 +213,8 @@ class OtherComponentSet {
   NearestPairs& found_;
 };
 
-/// Vertex pairs that join all components into one: each component, but the largest, to its 3 nearest vertices of
-/// others, then the same with the joined ones, until one remains. Checks at most 4,096 vertices of a component, evenly
-/// spread.
+/// Vertex pairs that join all components into one: each but the largest to its 3 nearest vertices of others, then the
+/// same with the joined ones, until one remains. Checks at most 4,096 vertices of a component, evenly spread.
 std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<const Vec3> positions,
                                                                   ComponentLabels labels) {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> bridges;

@@ -58,10 +58,10 @@ class Neighbourhoods {
   std::vector<double> squared_;
 };
 
-/// The star of the origin in the Delaunay triangulation of it and its neighbours. Inversion turns "the circle through the
-/// origin and two neighbours is empty" into "the line through their images has the others on the origin's side": the star
-/// is the convex hull of the images. An origin on the cloud's rim is a corner of the hull, whose two edges there are not
-/// triangles. The circles' centres are the corners of the Voronoi cell. Returns LocalTriangles::cell.
+/// The star of the origin in the Delaunay triangulation of it and its neighbours. Inversion turns "the circle through
+/// the origin and two neighbours is empty" into "the line through their images has the others on the origin's side":
+/// the star is the convex hull of the images. An origin on the cloud's rim is a corner of the hull, whose two edges
+/// there are not triangles. The circles' centres are the corners of the Voronoi cell. Returns LocalTriangles::cell.
 double add_star(std::uint32_t origin, const Neighbourhood& around, std::vector<Face>& faces) {
   std::vector<Neighbour> points = around.points;
   points.push_back({origin, Eigen::Vector2d::Zero()});

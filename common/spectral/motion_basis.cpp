@@ -61,8 +61,8 @@ class PoseColumns {
     return true;
   }
 
-  /// Sums of squares over the poses read: of each affine coefficient; of the part outside the affine columns; of all but
-  /// the constant column, which only translates.
+  /// Sums of squares over the poses read: of each affine coefficient; of the part outside the affine columns; of all
+  /// but the constant column, which only translates.
   const VectorXd& affine_squares() const { return affine_squares_; }
   double other_squares() const { return other_squares_; }
   double shape_squares() const { return affine_squares_.tail(affine_squares_.size() - 1).sum() + other_squares_; }

@@ -79,9 +79,8 @@ Panels prolongate(const Coarsened& coarse, const Eigen::VectorXd& fine_mass, con
   return to;
 }
 
-/// Block inverse iteration on one level. With Y = (S - sigma I)^{-1} H the projected operator is Y^T S Y = Y^T H +
-/// sigma Y^T Y, so S is never applied. H^T Y is symmetric, so panels of Y overwrite those of H once their rows of H^T Y
-/// are known.
+/// Block inverse iteration on one level. With Y = (S - sigma I)^{-1} H, Y^T S Y = Y^T H + sigma Y^T Y: S is never
+/// applied. H^T Y is symmetric, so panels of Y overwrite those of H once their rows of it are known.
 class InverseIteration {
  public:
   InverseIteration(const Laplacian& laplacian, Panels& H) : H_(H), S_(symmetric_form(laplacian)), op_(S_) {

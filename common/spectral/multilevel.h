@@ -24,9 +24,9 @@ struct MultilevelOptions {
   double change = 5e-3;                  ///< Relative change of the sum of eigenvalues that ends the iteration.
 };
 
-/// Approximations to the lowest m eigenpairs of a surface of many vertices: eigenvectors of a coarser one, interpolated,
-/// then block inverse iteration with Rayleigh-Ritz projection on 1.2 m vectors until it changes little. A stream needs a
-/// smooth basis, not eigenvectors. Sets `residual` and `missed`. Errors: kNumerical, kCancelled. May throw std::bad_alloc.
+/// Approximations to the lowest m eigenpairs of a surface of many vertices: eigenvectors of a coarser one,
+/// interpolated, then block inverse iteration with Rayleigh-Ritz projection on 1.2 m vectors until it changes little. A
+/// stream needs a smooth basis, not eigenvectors. Sets `residual` and `missed`. Errors: kNumerical, kCancelled.
 Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, const MultilevelOptions& options = {},
                                           const Progress& progress = {});
 

@@ -12,8 +12,8 @@ namespace eigencast {
 
 inline constexpr Eigen::Index kWidth = kPanelWidth;  ///< As Eigen counts.
 
-/// A tall matrix, n x 8 count, in row-major panels of eight columns. All functions use the process's threads; sums do not
-/// depend on their number.
+/// A tall matrix, n x 8 count, in row-major panels of eight columns. All functions use the process's threads; sums do
+/// not depend on their number.
 class Panels {
  public:
   explicit Panels(Eigen::Index rows) : rows_(rows) {}

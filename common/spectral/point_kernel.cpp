@@ -62,8 +62,8 @@ std::vector<double> spacings(const KdTree& tree, std::span<const Vec3> positions
   return spacing;
 }
 
-/// Cell areas. An open cell gets the usual area at the spacing of its neighbours: its own spacing would give a lone point
-/// more weight than all others.
+/// Cell areas. An open cell gets the usual area at the spacing of its neighbours: its own spacing would give a lone
+/// point more weight than all others.
 std::vector<double> areas(const Distinct& distinct, const KdTree& tree, std::span<const double> cell,
                           std::span<const double> spacing) {
   std::vector<double> area(spacing.size());

@@ -33,11 +33,11 @@ inline Eigen::Vector3d vector_from(const Vec3& p) {
 /// Nonmanifold Triangle Meshes", section 5.7).
 struct LocalTriangles {
   std::vector<Face> faces;
-  /// (point, the first point that it coincides with): points within 1e-9 of the box's diagonal of an earlier one have no
-  /// triangles of their own.
+  /// (point, the first point that it coincides with): points within 1e-9 of the box's diagonal of an earlier one have
+  /// no triangles of their own.
   std::vector<std::pair<std::uint32_t, std::uint32_t>> coincident;
-  /// Area of each point's Voronoi cell among those neighbours, in their plane. 0 where the cell is open or reaches beyond
-  /// half their radius, so that farther points could cut it, and for coincident points.
+  /// Area of each point's Voronoi cell among those neighbours, in their plane. 0 where the cell is open or reaches
+  /// beyond half their radius, so that farther points could cut it, and for coincident points.
   std::vector<double> cell;
 };
 
@@ -48,8 +48,8 @@ LocalTriangles local_delaunay(std::span<const Vec3> positions);
 ///   area   B_i, of the point's Voronoi cell; of an open cell the usual area at that spacing; 0 of coincident points,
 ///          which have no pairs
 ///   pairs  each once, a < b, with B_a B_b exp(-|p_a - p_b|^2 / 4 t) / (4 pi t^2), t = h_a h_b
-/// h is the mean distance to the six nearest points, so that dense and thin regions have about as many pairs. The kernel
-/// is cut at 1e-4 and at the 192 nearest points.
+/// h is the mean distance to the six nearest points, so that dense and thin regions have about as many pairs. The
+/// kernel is cut at 1e-4 and at the 192 nearest points.
 struct PointKernel {
   struct Pair {
     std::uint32_t a = 0, b = 0;

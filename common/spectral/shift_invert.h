@@ -13,10 +13,9 @@ namespace eigencast {
 
 /// The order in which a sparse symmetric matrix is eliminated, as Eigen's factorisations take it. Small matrices:
 /// approximate minimum degree (Amestoy, Davis, Duff 1996, "An approximate minimum degree ordering algorithm"), which is
-/// quick; large ones: nested dissection (Karypis, Kumar 1998, "A fast and high quality multilevel scheme for partitioning
-/// irregular graphs"), whose factor of a surface of a million vertices has two thirds of the entries and takes a third of
-/// the time. The same matrix gives the same order.
-///
+/// quick; large ones: nested dissection (Karypis, Kumar 1998, "A fast and high quality multilevel scheme for
+/// partitioning irregular graphs"), whose factor of a surface of a million vertices has two thirds of the entries and
+/// takes a third of the time. The same matrix gives the same order.
 /// METIS handles SIGTERM and SIGABRT while it works (seconds): block SIGTERM in other threads.
 class EliminationOrder {
  public:

@@ -9,7 +9,8 @@
 namespace eigencast {
 namespace {
 
-/// The largest ||S h_j - lambda_j h_j||, relative to lambda_j, or to the first positive eigenvalue where that is larger.
+/// The largest ||S h_j - lambda_j h_j||, relative to lambda_j, or to the first positive eigenvalue where that is
+/// larger.
 double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
   const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
   const double floor = positive != values.end() ? *positive : 0;

@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-// The pencil (L, M) as S = M^{-1/2} L M^{-1/2}: the same eigenvalues, orthonormal eigenvectors h = M^{1/2} phi, and what
-// its solvers share. Private to them.
+// The pencil (L, M) as S = M^{-1/2} L M^{-1/2}: the same eigenvalues, orthonormal eigenvectors h = M^{1/2} phi, and
+// what its solvers share. Private to them.
 
 /// Thrown by solvers where progress says to stop.
 struct Cancelled : std::exception {};
@@ -31,8 +31,8 @@ struct Kernel {
 };
 Kernel kernel_of(const Laplacian& laplacian, int max);
 
-/// Phi = M^{-1/2} H, orthonormalised, with its residual; certified. `vectors` is what an error calls H. REQUIRES: columns
-/// of H nearly orthonormal, those beyond `values` zero; values ascending. Errors: kNumerical.
+/// Phi = M^{-1/2} H, orthonormalised, with its residual; certified. `vectors` is what an error calls H. REQUIRES:
+/// columns of H nearly orthonormal, those beyond `values` zero; values ascending. Errors: kNumerical.
 Result<Eigenbasis> eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Panels H,
                                    Eigen::VectorXd values,
                                    const std::string& vectors = "the eigenvectors of the surface");

@@ -10,8 +10,8 @@
 namespace eigencast {
 
 /// Derivatives of functions on a surface at each vertex along two tangents, as sums over the vertex and its neighbours.
-/// The derivatives of the positions are the tangents: orthonormal, their cross product on the faces' outer side (points:
-/// on either side).
+/// The derivatives of the positions are the tangents: orthonormal, their cross product on the faces' outer side
+/// (points: on either side).
 struct TangentDerivatives {
   struct Term {
     std::uint32_t vertex;
