@@ -26,7 +26,7 @@ struct MultilevelOptions {
 
 /// Approximations to the lowest m eigenpairs of a surface of many vertices: eigenvectors of a coarser one,
 /// interpolated, then block inverse iteration with Rayleigh-Ritz projection on 1.2 m vectors until it changes little. A
-/// stream needs a smooth basis, not eigenvectors. Sets `residual` and `missed`. Errors: kNumerical, kCancelled.
+/// stream needs only a smooth basis. Sets `residual` and `missed`. Errors: kNumerical, kCancelled; std::bad_alloc.
 Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, const MultilevelOptions& options = {},
                                           const Progress& progress = {});
 
