@@ -16,10 +16,18 @@ bool is_well(Subscriber::State state) {
 
 void add_counts(const Subscriber::Stats& one, Subscriber::Stats& all) {
   using Stats = Subscriber::Stats;
-  for (const auto count : {&Stats::keys, &Stats::synthetic, &Stats::joins, &Stats::bytes, &Stats::rejected,
-                           &Stats::skipped, &Stats::missed, &Stats::reconnects, &Stats::asset_bytes_downloaded,
-                           &Stats::asset_bytes_cached, &Stats::asset_bytes_total})
-    all.*count += one.*count;
+  constexpr std::uint64_t Stats::*kCounts[] = {&Stats::keys,
+                                               &Stats::synthetic,
+                                               &Stats::joins,
+                                               &Stats::bytes,
+                                               &Stats::rejected,
+                                               &Stats::skipped,
+                                               &Stats::missed,
+                                               &Stats::reconnects,
+                                               &Stats::asset_bytes_downloaded,
+                                               &Stats::asset_bytes_cached,
+                                               &Stats::asset_bytes_total};
+  for (const auto count : kCounts) all.*count += one.*count;
   all.latency_us.merge(one.latency_us);
 }
 

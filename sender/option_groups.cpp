@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/option_groups.h"
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdlib>
 
