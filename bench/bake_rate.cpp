@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 //
 // bake_rate [--peers] [--exactly] [--m M] [--repeat N] SHAPE...: seconds for the M lowest eigenpairs (default 200) of
-// the Laplacian of surfaces, ours and, with --peers, our second solver (spectra_solver.cpp) and ARPACK with sparse LU and
-// with sparse Cholesky: the same pair (L, M), the same shift below zero, one after the other in one run; medians of N
-// runs by turns (default 1). SHAPE as bench/named_surface.h has it. --exactly: ours once more without approximation,
+// the Laplacian of surfaces, ours and, with --peers, our second solver (spectra_solver.cpp) and ARPACK with sparse LU
+// and with sparse Cholesky: the same pair (L, M), the same shift below zero, one after the other in one run; medians of
+// N runs by turns (default 1). SHAPE as bench/named_surface.h has it. --exactly: ours once more without approximation,
 // for surfaces of more than 150,000 vertices. Residuals of all are measured by the same lines. For one thread each run
 // it under `taskset -c 0`.
 #include <Eigen/Core>

@@ -1,5 +1,6 @@
-// Below the cache's directory: objects/HH/REST, where HHREST is the object's SHA-256 in hexadecimal, and records/bake-KEY,
-// which is 32 bytes SHA-256 of what follows, then the record. Names that start with a dot are unfinished writes.
+// Below the cache's directory: objects/HH/REST, where HHREST is the object's SHA-256 in hexadecimal, and
+// records/bake-KEY, which is 32 bytes SHA-256 of what follows, then the record. Names that start with a dot are
+// unfinished writes.
 #include "sdk/asset_cache.h"
 
 #include <fcntl.h>

@@ -91,7 +91,7 @@ class AssetFetcher::Worker {
     if (until > now) changed_.wait_for(lock, std::chrono::microseconds(until - now));
   }
 
-  /// Tries to get the first object that the fetcher wants; releases the lock meanwhile. True: take() or stats() has news.
+  /// Tries to get the first object that the fetcher wants, unlocked meanwhile. True: take() or stats() has news.
   bool serve(AssetFetcher& fetcher, std::unique_lock<std::mutex>& lock, std::shared_ptr<HttpConnection> http) {
     const std::uint64_t order = fetcher.order_;
     const Object object = fetcher.wanted_.front();

@@ -25,7 +25,7 @@ struct WholeAsset {
 };
 /// Every object verified. Errors: those of read_object; kCorrupt, kTooLarge, kIncompatibleVersion, kUnsupported.
 Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id);
-/// The same from objects that lie elsewhere.
+/// Assembles the asset from objects that lie elsewhere. Errors: as read_asset, with those of `object_of`.
 Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of);
 
 }  // namespace eigencast

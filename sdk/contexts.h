@@ -16,6 +16,7 @@ struct Context {
   Credentials credentials = {};
 };
 
+/// The named contexts of a user, in a file that only they can read. Not thread-safe.
 class Contexts {
  public:
   /// $XDG_CONFIG_HOME/eigencast/contexts.json, by default ~/.config/...; empty where neither is known.

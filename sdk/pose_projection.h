@@ -14,6 +14,7 @@
 
 namespace eigencast {
 
+/// Projects a pose's vertices to coefficients of the asset's basis. Not thread-safe.
 class PoseProjection {
  public:
   struct Coefficients {

@@ -49,7 +49,8 @@ inline constexpr std::uint32_t kMaxScalars = 10;
 
 /// Errors: kInvalidArgument (what cannot be kept to, or not together).
 Result<void> check_options(const PublisherOptions& options);
-/// Of each of n vertices, in the source's order.
+
+/// Describes each of n vertices, in the source's order.
 struct VertexPose {
   std::span<const float> positions;   ///< n x 3
   std::span<const float> velocities;  ///< n x 3, per second; empty unless PublisherOptions::velocities.
@@ -91,8 +92,10 @@ class Publisher {
   /// steady clock, growing. kDropped: also for a time outside 0..kMaxTimeUs, and where V is not as announced.
   virtual SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us,
                                        std::span<const double> V = {}) = 0;
-  /// Projects, then as above. Errors: kInvalidArgument, also for the time, and for what was not announced or is missing.
+  /// Projects, then sends. Errors: kInvalidArgument, also for the time and for what was not announced or is
+  /// missing.
   virtual Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us) = 0;
+  /// Sends a pose without velocities and scalars. Errors: as send_pose.
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us) {
     return send_pose({positions, {}, {}}, capture_us);
   }

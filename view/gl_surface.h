@@ -102,7 +102,8 @@ class GlSurface final {
   glm::mat3 scene_from_normal_{1};
 };
 
-/// The vertex shader of meshes, a geometry shader that gives corners their UVs, `fragment` with own_paint().
+/// Builds the vertex shader of meshes, a geometry shader that gives corners their UVs, and `fragment` with own_paint().
+/// Errors: kInternal.
 Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
                             const std::string& fragment);
 

@@ -25,6 +25,7 @@
 
 namespace eigencast {
 
+/// The fraction of an asset's vertices that its user wants drawn. Not thread-safe.
 class LevelOfDetail {
  public:
   static constexpr double kStep = 1.25;  ///< One key press multiplies or divides the fraction by this.

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// bare_server PORT epoll|uring|tls [THREADS]: what a relay is held against. Writes each message of a publisher (GET /pub),
-// framed once, to every subscriber (any other path), by a send() each, in batches of io_uring, or over TLS (cert.pem and
-// key.pem here); no names, no limits, no acknowledgements. A subscriber that reads too slowly misses messages.
+// bare_server PORT epoll|uring|tls [THREADS]: what a relay is held against. Writes each message of a publisher (GET
+// /pub), framed once, to every subscriber (any other path), by a send() each, in batches of io_uring, or over TLS
+// (cert.pem and key.pem here); no names, no limits, no acknowledgements. A subscriber that reads too slowly misses
+// some.
 #include <arpa/inet.h>
 #include <liburing.h>
 #include <netinet/tcp.h>

@@ -3,8 +3,8 @@
 // message, as JSON. It knows no particular relay: bench/broker/harness.py writes the scenarios. Loopback only.
 //
 // Each message is `frame` (hex), with a sequence number and the time when it was to leave (microseconds on the steady
-// clock) written into it, both 64 bits, little-endian. Latency counts from that time, so that a publisher that is held up
-// is not forgiven. Subscribers find the frame at the beginning of a message, or by its first bytes, `magic`.
+// clock) written into it, both 64 bits, little-endian. Latency counts from that time, so that a publisher that is held
+// up is not forgiven. Subscribers find the frame at the beginning of a message, or by its first bytes, `magic`.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/tcp.h>
@@ -179,7 +179,7 @@ class Connection {
     ::fcntl(fd_, F_SETFL, ::fcntl(fd_, F_GETFL) | O_NONBLOCK);
   }
 
-  /// Reads all that is there and gives each message to `on_message`. False: the relay has closed, or broken the protocol.
+  /// Gives each message that has come to `on_message`. False: the relay has closed, or broken the protocol.
   template <typename OnMessage>
   bool read_messages(OnMessage on_message) {
     static std::vector<char> buffer(1 << 20);

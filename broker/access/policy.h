@@ -76,8 +76,8 @@ class AccessPolicy {
   }
   /// Keeps pages of other sites from using their visitor's access; only browsers send an origin.
   bool allows_origin(const AccessRequest& request) const;
-  /// Whether a request comes from this machine: over loopback, through no proxy, and not from a foreign page in a browser
-  /// here. Pages that access.origins lists count if `listed_pages`. Claimed addresses never do.
+  /// Whether a request comes from this machine: over loopback, through no proxy, and not from a foreign page in a
+  /// browser here. Pages that access.origins lists count if `listed_pages`. Claimed addresses never do.
   bool is_local(const AccessRequest& request, bool listed_pages) const;
   bool has_tokens() const { return !tokens_.keys.empty() || static_tokens_.size() > 0; }
   /// Whether anonymous clients anywhere may fetch assets.
@@ -91,8 +91,8 @@ class AccessPolicy {
   bool expiry_disconnects() const { return expiry_disconnects_; }
 
  private:
-  /// Whether `host` is an address, localhost, or listed in access.hosts. Any other name may be a foreign page's own, which
-  /// its owner lets resolve to this machine (DNS rebinding).
+  /// Whether `host` is an address, localhost, or listed in access.hosts. Any other name may be a foreign page's own,
+  /// which its owner lets resolve to this machine (DNS rebinding).
   bool names_broker(std::string_view host) const;
   bool is_direct(const AccessRequest& request) const;
   std::variant<Identity, Denial> identify_token(std::string_view token, Identity identity, std::int64_t now_s) const;

@@ -13,8 +13,8 @@
 
 namespace eigencast::broker {
 
-/// Copies assets between brokers' stores over a Link, object by object and in ranges; each object is verified by its hash
-/// before it is visible. Concurrent requests for one asset share a transfer.
+/// Copies assets between brokers' stores over a Link, object by object and in ranges; each object is verified by its
+/// hash before it is visible. Concurrent requests for one asset share a transfer.
 ///
 /// Requests and replies, little-endian:
 ///   'L' id[32]              -> 0 ids[32 n]: the objects that object `id` references, or 1: not found
@@ -37,8 +37,8 @@ class AssetExchange {
   ~AssetExchange();
 
   void serve(const std::string& self);
-  /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (at the
-  /// owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
+  /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (at
+  /// the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
   void fetch(const std::string& owner, const Sha256& asset, Done done);
   void stop();
 

@@ -63,7 +63,8 @@ class Directory {
   void forget_silent(TimeUs now_us);
   void note_stopped(std::string_view broker) { last_heartbeat_us_.erase(std::string(broker)); }
 
-  /// This broker always is, others with a heartbeat within kHeartbeatTimeoutUs, all for that time after listening began.
+  /// This broker always is, others are after a heartbeat within kHeartbeatTimeoutUs, and all that long after
+  /// listening began.
   bool is_alive(std::string_view broker, TimeUs now_us) const;
   /// After a lost connection.
   void restart_listening(TimeUs now_us) { began_us_ = now_us; }
@@ -90,8 +91,8 @@ class Directory {
   std::map<std::string, TimeUs, std::less<>> last_heartbeat_us_;
 };
 
-/// Whether `mine`, granted locally during a partition, yields to the live entry `other` of another broker: the later epoch
-/// stays, and of equal ones the greater owner's.
+/// Whether `mine`, granted locally during a partition, yields to the live entry `other` of another broker: the later
+/// epoch stays, and of equal ones the greater owner's.
 bool yields_to(const DirectoryEntry& mine, const DirectoryEntry& other);
 
 }  // namespace eigencast::broker

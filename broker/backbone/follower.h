@@ -10,8 +10,8 @@
 
 namespace eigencast::broker {
 
-/// Restores the order of the messages of one epoch of a remote stream: a join, then consecutive keys. Published keys may
-/// be lost; joins come on request, before or after them. Keeps the last kMaxKept keys while a join is awaited.
+/// Restores the order of the messages of one epoch of a remote stream: a join, then consecutive keys. Published keys
+/// may be lost; joins come on request, before or after them. Keeps the last kMaxKept keys while a join is awaited.
 /// Not thread-safe.
 class Follower {
  public:

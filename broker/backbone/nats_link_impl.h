@@ -32,8 +32,8 @@ using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
 
 /// Shared by nats_link.cpp (messages) and nats_table.cpp (the table) only.
 ///
-/// libnats calls back from its own threads and may block. So a sender thread publishes from a bounded queue, which drops
-/// messages like core NATS, and incoming messages are posted to the event loop.
+/// libnats calls back from its own threads and may block. So a sender thread publishes from a bounded queue, which
+/// drops messages like core NATS, and incoming messages are posted to the event loop.
 class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink> {
  public:
   NatsLink(std::string prefix, int replicas, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);

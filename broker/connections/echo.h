@@ -5,8 +5,8 @@
 
 namespace eigencast::broker {
 
-/// /echo in builds with EIGENCAST_TEST_ENDPOINTS, for conformance suites of WebSocket servers (Autobahn). No subprotocol;
-/// messages of up to 16 MiB.
+/// /echo in builds with EIGENCAST_TEST_ENDPOINTS, for conformance suites of WebSocket servers (Autobahn). No
+/// subprotocol; messages of up to 16 MiB.
 class Echo final : public Connection {
  public:
   Echo(Context& context, Transport transport, GrantPtr grant)

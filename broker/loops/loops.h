@@ -56,9 +56,9 @@ class Loop {
   Timer tick_;
 };
 
-/// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The others,
-/// each on its own thread, share the viewers with it and mirror the streams that these watch (relay/mirror.h). Belongs to
-/// the first loop.
+/// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The
+/// others, each on its own thread, share the viewers with it and mirror the streams that these watch (relay/mirror.h).
+/// Belongs to the first loop.
 class Loops {
  public:
   /// Creates server.threads loops. `taps`: of the senders' streams.

@@ -222,8 +222,8 @@ FramePtr Feed::take_prepared(const Pacer::Due& due) {
 
 Result<Key> Feed::pose_between(const KeyRecord& record, const Pacer::Due& due) {
   const Key &from = record.before->newer, &to = record.after->newer;
-  // A pose held by the sender (docs/protocol.md, section 5) rests between its keys: a curve with the slope of the earlier
-  // movement would leave it.
+  // A pose held by the sender (docs/protocol.md, section 5) rests between its keys: a curve with the slope of the
+  // earlier movement would leave it.
   if (profile_.scheme == Profile::Scheme::kCatmullRom && from == to) return to;
   switch (profile_.scheme) {
     case Profile::Scheme::kHermite:

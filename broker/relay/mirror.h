@@ -11,9 +11,9 @@
 
 #include "broker/relay/hub.h"
 
-/// One stream in several event loops. Its sender, key chain and taps belong to the first loop, the origin. Each other loop
-/// with viewers has a mirror with the feeds of its own viewers. Events between loops are immutable, shared, batched and
-/// ordered; the owner transports the batches.
+/// One stream in several event loops. Its sender, key chain and taps belong to the first loop, the origin. Each other
+/// loop with viewers has a mirror with the feeds of its own viewers. Events between loops are immutable, shared,
+/// batched and ordered; the owner transports the batches.
 namespace eigencast::broker {
 
 struct MirrorEvent {

@@ -9,8 +9,8 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
-/// The sequence that a receiver with key `newest` needs the frame to have, unless it is a join (docs/protocol.md, section
-/// 5): the next key builds on it, a synthetic pose leads to the next key, and steps and estimates start at it.
+/// The sequence that a receiver with key `newest` needs the frame to have, unless it is a join (docs/protocol.md,
+/// section 5): the next key builds on it, a synthetic pose leads to the next key, and steps and estimates start at it.
 std::uint64_t next_sequence(const Envelope& envelope, std::uint64_t newest) {
   return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kSynthetic ? newest + 1 : newest;
 }

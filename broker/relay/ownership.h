@@ -11,8 +11,8 @@
 
 namespace eigencast::broker {
 
-/// Generates growing epochs: within a run, across restarts (the highest one is kept in a file) and, if their wall clocks
-/// agree, across brokers, because an epoch is at least the number of seconds since 2026-01-01. Not thread-safe.
+/// Generates growing epochs, across restarts as well: a file keeps the highest one. An epoch is at least the number of
+/// seconds since 2026-01-01, so epochs also grow across brokers whose wall clocks agree. Not thread-safe.
 class EpochSource {
  public:
   static Result<EpochSource> open(std::string path);

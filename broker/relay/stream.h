@@ -44,8 +44,8 @@ class PublisherLink {
   virtual bool yields() const { return false; }
 };
 
-/// Observes the input of streams: recorder, asset store, backbone, mirrors. Called on the stream's event loop, in order;
-/// must return at once and must not change the stream.
+/// Observes the input of streams: recorder, asset store, backbone, mirrors. Called on the stream's event loop, in
+/// order; must return at once and must not change the stream.
 class StreamTap {
  public:
   virtual ~StreamTap() = default;
@@ -101,7 +101,7 @@ class Stream {
   Stream(std::string name, std::shared_ptr<StreamShare> share, const Settings& settings);
   ~Stream();
 
-  /// Makes `link` the publisher; replaces the present one if that yields or `replace` is set. Errors: kRefused otherwise.
+  /// Makes `link` the publisher; replaces the present one if that yields or `replace` is set. Errors: kRefused.
   Result<void> claim(PublisherLink& link, bool replace = false);
   /// The publisher disconnected: the stream stalls and holds its last pose. Ignored from any other link.
   void release(PublisherLink& link);

@@ -17,7 +17,7 @@ inline std::uint32_t shorter_interval(std::uint32_t a, std::uint32_t b) {
   return a == 0 || b == 0 ? std::max(a, b) : std::min(a, b);
 }
 
-/// Which frames of one stream are traced and for which watchers; builds the broker's part of the traces. Not thread-safe.
+/// Selects the traced frames of a stream for each watcher; builds the broker's part of traces. Not thread-safe.
 class Tracer {
  public:
   /// Requests traces for `who` of keys whose sequence is a multiple of `every`; 0: none.

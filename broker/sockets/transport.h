@@ -23,9 +23,9 @@ namespace eigencast::broker {
 /// window, regardless of TCP_NOTSENT_LOWAT; a stalled viewer would receive all of that backlog.
 inline constexpr int kSendFlags = MSG_DONTWAIT | MSG_NOSIGNAL | MSG_EOR;
 
-/// The bytes of one connection, plain or TLS: non-blocking calls for WebSockets, and an asynchronous stream over them for
-/// Beast (HTTP). TLS uses OpenSSL directly on the socket and holds no buffers while idle. SIGPIPE must be ignored by the
-/// process. Belongs to its event loop.
+/// The bytes of one connection, plain or TLS: non-blocking calls for WebSockets, and an asynchronous stream over them
+/// for Beast (HTTP). TLS uses OpenSSL directly on the socket and holds no buffers while idle. SIGPIPE must be ignored
+/// by the process. Belongs to its event loop.
 class Transport {
  public:
   enum class Wait : std::uint8_t { kNo, kReadable, kWritable };

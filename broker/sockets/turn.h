@@ -62,7 +62,7 @@ class Writer {
 };
 
 struct Uring;
-/// For many connections with few system calls; see Turn. Errors: kUnsupported (built without it, or refused by the kernel).
+/// Serves many connections with few system calls. Errors: kUnsupported (built without it, or the kernel refused).
 Result<std::shared_ptr<Uring>> open_uring();
 /// Flushes all writers, those with a plain socket in batches that are complete when the call returns.
 void write_all(Uring& ring, std::span<Writer* const> writers);

@@ -27,9 +27,9 @@ class Utf8Check {
   std::uint8_t max_ = 0xbf;  ///< Range of the next byte: min_ to max_.
 };
 
-/// Parses a client's byte stream into messages, strictly by RFC 6455. Bytes come in pieces of any size; an invalid stream
-/// is refused at its first invalid byte. A message that is complete in one piece is not copied; an incomplete one is,
-/// without allocating ahead, so that an idle reader holds no memory. Safe on hostile input. Not thread-safe.
+/// Parses a client's byte stream into messages, strictly by RFC 6455. Bytes come in pieces of any size; an invalid
+/// stream is refused at its first invalid byte. A message that is complete in one piece is not copied; an incomplete
+/// one is, without allocating ahead, so that an idle reader holds no memory. Safe on hostile input. Not thread-safe.
 class MessageReader {
  public:
   struct Limits {

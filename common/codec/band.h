@@ -8,8 +8,8 @@
 #include "common/core/bytes.h"
 #include "common/core/result.h"
 
-/// The values of one band as a run of bytes (docs/protocol.md, "Payload"): exact runs, which need no key before them, and
-/// coarse runs, which are predicted from two keys and give the values to within a spacing of the encoder's choice.
+/// The values of one band as a run of bytes (docs/protocol.md, "Payload"): exact runs, which need no key before them,
+/// and coarse runs, which are predicted from two keys and give the values to within a spacing of the encoder's choice.
 namespace eigencast::band {
 
 /// The values of the two latest keys in a band, at the step of the frame.
@@ -31,8 +31,8 @@ inline constexpr std::uint8_t kExactFollows = 0xff;
 /// Appends an exact run: the differences from c1, or the values themselves if c1 is empty.
 void append_exact(std::span<const std::int32_t> values, std::span<const std::int32_t> c1, Bytes& out);
 
-/// Appends a coarse run and writes its decoded values. Chooses levels by a trellis search of rate and distortion: the root
-/// mean square error is about 0.56 m, single errors stay below 3 m.
+/// Appends a coarse run and writes its decoded values. Chooses levels by a trellis search of rate and distortion: the
+/// root mean square error is about 0.56 m, single errors stay below 3 m.
 ///   values   the targets, `channels` to a row
 ///   decoded  as many as values; separate memory
 /// Returns false, and appends nothing, if a decoded value would leave the range. REQUIRES: from.c1 is not empty.
@@ -44,8 +44,8 @@ struct QuickWorkspace {
   std::vector<std::int32_t> residuals;
 };
 
-/// Appends a coarse run in a quarter of the time, for values that no later key is predicted from: chooses each level alone
-/// and does not return the decoded values. Single errors stay below 3 m.
+/// Appends a coarse run in a quarter of the time, for values that no later key is predicted from: chooses each level
+/// alone and does not return the decoded values. Single errors stay below 3 m.
 ///   c1, c2  as many as values: of the newer and the older key
 /// Returns false, and appends nothing, if a value is beyond +-2^24: use append_coarse.
 bool append_quick(std::span<const std::int32_t> values, std::span<const std::int32_t> c1,

@@ -33,16 +33,16 @@ struct CodedKey {
 Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                             std::uint8_t half_spacing);
 
-/// Payload of a kSynthetic or kEstimate frame: as encode_key, in a quarter of the time and a few more bytes, without the
-/// decoded key. Errors: as encode_key.
+/// Payload of a kSynthetic or kEstimate frame: as encode_key, in a quarter of the time and a few more bytes, without
+/// the decoded key. Errors: as encode_key.
 Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
                           std::uint8_t half_spacing);
 
 /// The m of a payload that decode_key has taken.
 std::uint8_t half_spacing_of(ByteView payload);
 
-/// `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says. Errors: kCorrupt (codec,
-/// lengths, trailing or missing bytes, a band that needs a state which lacks it, overflow).
+/// `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says. Errors: kCorrupt
+/// (codec, lengths, trailing or missing bytes, a band that needs a state which lacks it, overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload);
 
 /// Payload of a kJoin frame: both keys, without prediction. Omits bands of the older key alone, which nothing can use.

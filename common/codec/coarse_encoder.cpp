@@ -97,8 +97,8 @@ const CostTable& level_costs() {
   return kTable;
 }
 
-/// Costs of levels as squared error: 0.06 squared spacings a bit, in 1/4096 of a squared step. Each thread keeps the table
-/// that it used last, since m changes seldom.
+/// Costs of levels as squared error: 0.06 squared spacings a bit, in 1/4096 of a squared step. Each thread keeps the
+/// table that it used last, since m changes seldom.
 const CostTable& prices_at(std::int32_t m) {
   struct Kept {
     std::int32_t m = 0;
@@ -149,7 +149,7 @@ Moments<double> moments_of(std::span<const std::int32_t> values, const Motion& m
   return all;
 }
 
-/// The weights of least residual energy, by least squares, then on their grid. Uses a restoring weight only where it pays.
+/// The weights of least residual energy, by least squares, then on their grid; a restoring one only where it pays.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
   const Moments<double> of = moments_of(values, motion);
   const auto on_grid = [](double weight, int unit, int zero) {
@@ -182,8 +182,8 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
 using Four = std::int32_t __attribute__((vector_size(16)));
 
 /// Viterbi's search for the levels of least distortion + lambda * rate. Prices are in 1/4096 of a squared step, without
-/// the part common to all candidates of a value, so that they stay within 2^29. Costs are relative to the first state's;
-/// they differ by at most two prices.
+/// the part common to all candidates of a value, so that they stay within 2^29. Costs are relative to the first
+/// state's; they differ by at most two prices.
 class Trellis {
  public:
   explicit Trellis(const Spacing& spacing)

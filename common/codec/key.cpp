@@ -14,8 +14,8 @@ namespace eigencast {
 namespace {
 
 constexpr int kTableOrigin = 160;
-/// The state's step is 6 to 11 times finer than half the spacing of levels, which meets any bound to within 3 %. 4 times
-/// costs 1 % more bits; 12 times 0.5 % fewer, but leaves rate control less room.
+/// The state's step is 6 to 11 times finer than half the spacing of levels, which meets any bound to within 3 %. 4
+/// times costs 1 % more bits; 12 times 0.5 % fewer, but leaves rate control less room.
 constexpr unsigned kFinestHalfSpacing = 6;
 /// m over the rms error of a value, measured on moving surfaces; 1.8 where no level is 0.
 constexpr double kHalfSpacingOverRms = 1.8;

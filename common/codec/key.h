@@ -38,7 +38,7 @@ struct CoefficientLayout {
   bool operator==(const CoefficientLayout&) const = default;
 };
 
-/// The default bands of r rows end at 14, 54, 104 (after four affine columns, whole turns of the augmented basis) and r.
+/// The default bands of r rows end at 14, 54, 104 (four affine columns, then whole turns of the augmented basis), r.
 std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
 
 /// The coefficients of one pose, a keyframe or an interpolated frame, as the codec carries them: integers (kQuantised)
@@ -106,8 +106,8 @@ inline constexpr TimeUs kLongestHermiteUs = 1'000'000;
 Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels& velocities, const Key& a,
                          const Key& b, TimeUs span_us, std::uint32_t at, std::uint32_t of);
 
-/// The pose `at`/`of` key intervals beyond `newer` (Eq. 9 of the same paper): newer + s (newer - older) with s = at/of, or,
-/// `damped`, with each further interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys.
+/// The pose `at`/`of` key intervals beyond `newer` (Zhang et al. 2013, Eq. 9): newer + s (newer - older), s = at/of.
+/// If `damped`, each further interval moves 27/32 as far as the one before. Bit-exact everywhere for quantised keys.
 /// Moves bands of both keys, holds those of the newer one alone. REQUIRES: both keys fit `layout`, 1 <= at, of <= 15.
 Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, const Key& newer, bool damped,
                           std::uint32_t at, std::uint32_t of);

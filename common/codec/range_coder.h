@@ -5,9 +5,9 @@
 
 #include "common/core/bytes.h"
 
-/// A binary arithmetic coder with fixed probabilities (docs/protocol.md, "Range coder"), after Martin 1979, "Range
-/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so the encoder
-/// omits trailing zeros. Hot loops take a coder by value, which keeps it in registers.
+/// A binary arithmetic coder with fixed probabilities (docs/protocol.md, "Range coder"). Source: Martin 1979, "Range
+/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so the
+/// encoder omits trailing zeros. Hot loops take a coder by value, which keeps it in registers.
 namespace eigencast::band {
 
 inline constexpr std::uint32_t kProbabilityBits = 15;

@@ -59,7 +59,7 @@ class CommandLine {
 /// --token, --ca, --cert, --key and --insecure. Gives --token, for what a program says of it beyond that.
 CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials);
 
-/// --help-all: the help of every command, nested ones too; manual pages are made from it. Call before commands are added.
+/// --help-all: the help of every command, nested ones too; manual pages are made from it. Call before adding commands.
 void add_help_all(CLI::App& app);
 
 /// What is wrong with numbers that a command line gave and CLI11 takes: "nan" lies in no range, and in every one by its

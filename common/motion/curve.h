@@ -5,8 +5,8 @@
 
 #include "common/core/clock.h"
 
-/// The schemes of docs/maths.md, "Motion": each pose is a weighted sum of keys, in coefficients as in positions. Pure; times
-/// in microseconds on one clock.
+/// The schemes of docs/maths.md, "Motion": each pose is a weighted sum of keys, in coefficients as in positions. Pure;
+/// times in microseconds on one clock.
 namespace eigencast {
 
 /// Weights of a pose between the keys `from` and `to`: of these two and of their neighbours.

@@ -10,11 +10,11 @@
 
 namespace eigencast {
 
-/// Decides when the broker estimates poses beyond the newest key, so that k poses per key interval arrive in time although
-/// keys are late or missing. Keys are forwarded at once; an estimate of media time m is due at m + delay.
+/// Decides when the broker estimates poses beyond the newest key, so that k poses per key interval arrive in time
+/// although keys are late or missing. Keys are forwarded at once; an estimate of media time m is due at m + delay.
 ///
-/// The delay is the 90th percentile of (arrival - capture) over the last kWindowUs, at most half a key interval above the
-/// minimum: estimates replace later keys. It grows at once and shrinks by at most 1/kSlew of the time that passes.
+/// The delay is the 90th percentile of (arrival - capture) over the last kWindowUs, at most half a key interval above
+/// the minimum: estimates replace later keys. It grows at once and shrinks by at most 1/kSlew of the time that passes.
 ///
 ///   missing, late key   estimates continue at the same pace, at most `max_ahead_us` and kMaxPerKey beyond the newest
 ///                       key; then the last one is held
@@ -27,10 +27,10 @@ namespace eigencast {
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
 class Forecaster {
  public:
-  static constexpr TimeUs kWindowUs = 3'000'000;
-  static constexpr TimeUs kSlew = 32;
-  static constexpr TimeUs kStrayUs = 1'000'000;
-  static constexpr int kMaxPerKey = 15;  ///< The envelope numbers no more.
+  static constexpr TimeUs kWindowUs = 3'000'000;  ///< Arrivals that the delay is taken from.
+  static constexpr TimeUs kSlew = 32;             ///< The delay shrinks by at most 1/kSlew of the time that passes.
+  static constexpr TimeUs kStrayUs = 1'000'000;   ///< An arrival further off the delay restarts it.
+  static constexpr int kMaxPerKey = 15;           ///< The envelope numbers no more.
 
   /// k             poses per key interval, 1..15
   /// max_ahead_us  how long after the newest key estimates end

@@ -9,19 +9,19 @@
 
 namespace eigencast {
 
-/// Decides when the broker emits the poses between keys, so that k poses per key interval are even in time although keys
-/// arrive with jitter. Interpolation between key s-1 and key s needs key s (curves also key s+1): a pose of media time m is
-/// due at m + delay, where delay follows (arrival - capture) of the keys plus one key interval, or two.
+/// Decides when the broker emits the poses between keys, so that k poses per key interval are even in time although
+/// keys arrive with jitter. Interpolation between key s-1 and key s needs key s (curves also key s+1): a pose of media
+/// time m is due at m + delay, where delay follows (arrival - capture) of the keys plus one key interval, or two.
 ///
-///   jitter      the delay is the largest that a key of the last kWindowUs needed; it grows at once and shrinks by at most
-///               1/kSlew of the time that passes. Clock drift is followed in the same way.
+///   jitter      the delay is the largest that a key of the last kWindowUs needed; it grows at once and shrinks by at
+///               most 1/kSlew of the time that passes. Clock drift is followed in the same way.
 ///   late key    up to one key interval the whole schedule moves back. Beyond that expired poses are not made; the key
 ///               itself always is. Three such keys in a row that are not a burst: restart.
 ///   burst       at most two key intervals wait (three with a further key); the oldest is dropped.
 ///   pause, gap  a key more than max_span_us after its predecessor, or without it, is not bridged: only the key is due.
 ///   restart     a key whose sequence or capture time does not grow, or an unbridged one that would wait longer than
-///               max_span_us (the sender's clock was set forward), clears queue and history; it is due on arrival, as is
-///               the first key.
+///               max_span_us (the sender's clock was set forward), clears queue and history; it is due on arrival, as
+///               is the first key.
 /// Due times never go back, except by a restart.
 ///
 /// Time comes in as arguments; holds no pose data. Not thread-safe.

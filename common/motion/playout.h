@@ -45,8 +45,8 @@ enum class PlayoutMode : std::uint8_t {
 
 struct PlayoutSettings {
   PlayoutMode mode = PlayoutMode::kLatest;
-  /// 0, live: nothing is held; 1, smooth: poses are held for an interval and the jitter, so that the next one has nearly
-  /// always come. Default: 1 with kInterpolate, 0 with kEstimate.
+  /// 0, live: nothing is held; 1, smooth: poses are held for an interval and the jitter, so that the next one has
+  /// nearly always come. Default: 1 with kInterpolate, 0 with kEstimate.
   std::optional<double> smoothness;
   TimeUs delay_us = 0;            ///< Hold poses for this long instead; 0: by smoothness.
   TimeUs max_ahead_us = 200'000;  ///< How long after the newest pose estimates end and are held.
@@ -66,8 +66,8 @@ struct PlayoutPose {
 /// Jitter buffer and player of one stream. Media times are capture times on the sender's clock, display times are on
 /// ours; PlayoutClock relates them.
 ///
-///   between poses   catmull_rom_weights(); linear where a neighbour is missing, lacks bands, or lies across a pause. Only
-///                   bands of both poses are mixed.
+///   between poses   catmull_rom_weights(); linear where a neighbour is missing, lacks bands, or lies across a pause.
+///                   Only bands of both poses are mixed.
 ///   beyond          newest + damped_steps(.., kDamping) (newest - the one before), in the bands of both
 ///   corrections     where a new pose shows that the shown one was wrong (estimated, or held), the error fades (see
 ///                   Correction). A pose that is not an estimate replaces the broker's estimates.

@@ -10,12 +10,12 @@
 
 namespace eigencast {
 
-/// The clock by which a viewer plays a stream. It maps display times on our clock to media times, which are capture times
-/// on the sender's. The fastest pose of the last kWindowUs sets the offset; the others' extra delay is jitter.
+/// The clock by which a viewer plays a stream. It maps display times on our clock to media times, which are capture
+/// times on the sender's. The fastest pose of the last kWindowUs sets the offset; the others' extra delay is jitter.
 ///
-/// Media time runs at the pace of display time, +-1/kSlew while the clock corrects itself, so that it never stops or runs
-/// back. Where it is off by more than kStrayUs (the sender's clock was set, or nothing was shown for long) it jumps. Time
-/// comes in as arguments, within +-2^56. Not thread-safe.
+/// Media time runs at the pace of display time, +-1/kSlew while the clock corrects itself, so that it never stops or
+/// runs back. Where it is off by more than kStrayUs (the sender's clock was set, or nothing was shown for long) it
+/// jumps. Time comes in as arguments, within +-2^56. Not thread-safe.
 class PlayoutClock {
  public:
   static constexpr TimeUs kWindowUs = 3'000'000;
@@ -26,8 +26,8 @@ class PlayoutClock {
 
   /// Takes a pose's times; media times grow from call to call.
   void add(TimeUs media_us, TimeUs arrival_us);
-  /// How long to hold a pose for even motion: the interval between poses plus the 95th percentile of the jitter. 0 before
-  /// the second pose.
+  /// How long to hold a pose for even motion: the interval between poses plus the 95th percentile of the jitter. 0
+  /// before the second pose.
   TimeUs full_delay_us() const { return full_delay_us_; }
   bool started() const { return !arrivals_.empty(); }
   /// The media time to show at `now_us`, poses held for `delay_us`. REQUIRES: started().

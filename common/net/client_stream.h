@@ -25,8 +25,8 @@ namespace eigencast {
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
 
-/// Any handler of an asynchronous operation, on the executor that it asks for: what takes one is compiled once, not once
-/// for each kind of handler. To be called once.
+/// Any handler of an asynchronous operation, on the executor that it asks for: what takes one is compiled once, not
+/// once for each kind of handler. To be called once.
 template <typename... Results>
 class AnyHandler {
  public:

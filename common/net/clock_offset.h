@@ -35,7 +35,7 @@ class ClockOffset {
   void reset() { samples_.clear(); }
 
  private:
-  /// At four pings a second this is eight seconds, in which ordinary clocks drift apart by less than half a millisecond.
+  /// At four pings a second this is eight seconds, in which ordinary clocks drift apart by less than 0.5 ms.
   static constexpr std::size_t kWindow = 32;
 
   std::deque<Estimate> samples_;

@@ -39,16 +39,15 @@ struct WebSocketEvents {
   std::function<void()> on_open;
   std::function<void(std::string_view)> on_text;
   std::function<void(ByteView)> on_binary;
-  /// Lost or not reached: why, and in how long the next try starts (0: none, the connection was stopped or refused for
-  /// good).
+  /// The broker was lost or not reached; the next try starts in `retry_in` (0: none, stopped or refused for good).
   std::function<void(const Error& why, std::chrono::milliseconds retry_in)> on_down;
 };
 
-/// A client's WebSocket connection that keeps itself up: connects, speaks subprotocol eigencast.v1, answers pings,
-/// notices a dead peer, reconnects with jittered exponential back-off. A refusal (HTTP 4xx, or a close code that says
-/// so) is tried again at the longest interval, one that only people can put right (no right, expired token, untrusted
-/// certificate) every half a minute. TLS and token are those of the URL. TCP_NODELAY is set. An exception that an
-/// event's handler throws ends the connection, not the process; it is made anew.
+/// A client's WebSocket connection that keeps itself up. It speaks subprotocol eigencast.v1, answers pings, notices a
+/// dead peer and reconnects with jittered exponential back-off. After a refusal (HTTP 4xx, or a close code that says
+/// so) it waits for the longest interval. It tries again every half a minute after a refusal that only people can put
+/// right (no right, expired token, untrusted certificate). TLS and token are those of the URL. TCP_NODELAY is set. An
+/// exception that an event's handler throws ends the connection, not the process; it is made anew.
 ///
 /// Runs one thread. send_* and stop() are safe from any thread; what is sent is written on the caller's where the
 /// connection is idle, without ever waiting for the socket.

@@ -24,7 +24,8 @@ struct PoseToRebuild {
 
 /// X = Psi C, the hot kernel: follows an asset as it arrives, and rebuilds all poses of a call in one pass over the
 /// basis. Where the asset has detail (see DetailKind) two more such products give each vertex the frame of its offset.
-/// A vertex is the same at every level. rebuild() is thread-safe without a concurrent update(); it uses all threads.
+/// A vertex is the same at every level. rebuild() is thread-safe without a concurrent update(), and uses the process's
+/// threads.
 class Reconstructor {
  public:
   /// threads: 0 as many as pay (default), 1 the caller's only.
@@ -94,7 +95,8 @@ std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 /// Projects positions on the receivers' basis: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and
 /// W the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The
 /// Gram matrix also corrects for the quantisation of the basis.
-/// Thread-safe; uses all threads. Setting up costs n r^2 / 2 multiplications once, and memory as BasisTiles says.
+/// Thread-safe; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and memory as BasisTiles
+/// says.
 class Projector {
  public:
   /// REQUIRES: asset.complete(); keeps a reference, so the asset must outlive it. Errors: kNumerical (Gram matrix not

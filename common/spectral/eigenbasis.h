@@ -37,7 +37,7 @@ struct Eigenbasis {
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {},
                                     EigenSolver solver = EigenSolver::kLanczos);
 
-/// The same without approximation, however many vertices.
+/// Solves without approximation, however many vertices. Memory, bits and errors: as solve_eigenbasis.
 Result<Eigenbasis> solve_eigenbasis_exactly(const Laplacian& laplacian, int m, const Progress& progress = {});
 
 /// Vertices beyond which `EigenSolver::kSpectra` is refused: its time and memory grow with n m^2 on one thread.

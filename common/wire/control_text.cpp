@@ -40,8 +40,8 @@ bool too_deep(std::string_view text) {
   return false;
 }
 
-/// The typed fields of one JSON object: takes them out of it, checking each, or puts them into a new one. The first thing
-/// wrong is kept with the field's path, later reads then give defaults. Borrows the JSON and the error.
+/// The typed fields of one JSON object: takes them out of it, checking each, or puts them into a new one. The first
+/// thing wrong is kept with the field's path, later reads then give defaults. Borrows the JSON and the error.
 class Fields {
  public:
   Fields(const Json& from, std::string path, std::optional<Error>& error)

@@ -7,11 +7,12 @@
 
 namespace eigencast {
 
-// Animations, meshes, gltf and clouds: the folder that the environment variable EIGENCAST_DATA_DIR names, real ones. Where it is unset,
-// those that tests/support/make_data.py made.
+// Animations, meshes, gltf and clouds: the folder that the environment variable EIGENCAST_DATA_DIR names, real ones.
+// Where it is unset, those that tests/support/make_data.py made.
 std::filesystem::path data_dir();
 
-// In data_dir(): the clip of an animal's gait (vertices.npy), a rigged file with the animations Walk and Run, one with two morph targets.
+// In data_dir(): the clip of an animal's gait (vertices.npy), a rigged file with the animations Walk and Run, one with
+// two morph targets.
 std::filesystem::path gait_clip();
 std::filesystem::path rigged_file();
 std::filesystem::path morphing_file();

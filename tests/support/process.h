@@ -30,7 +30,7 @@ class TemporaryFolder {
 /// A child process whose standard output and error go to one file. Killed, and waited for, at the end. Not thread-safe.
 class Process {
  public:
-  /// Starts `arguments[0]`, a path or a name on PATH. Throws std::runtime_error when it cannot be started: a test cannot go on.
+  /// Starts `arguments[0]`, a path or a name on PATH. Throws std::runtime_error when it cannot be started.
   Process(std::vector<std::string> arguments, std::string log_file);
   ~Process();
   Process(const Process&) = delete;

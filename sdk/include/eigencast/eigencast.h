@@ -3,14 +3,14 @@
  * libeigencast, the C interface: bake a surface, publish its motion, subscribe to one.
  *
  * Conventions
- *  - Functions that can fail return an ec_status: EC_OK is 0, outcomes that are no errors are positive, errors
- * negative. ec_last_error() has the words for the last error on the calling thread.
+ *  - Functions that can fail return an ec_status: EC_OK is 0, errors are negative, other outcomes positive.
+ *    ec_last_error() has the words for the last error on the calling thread.
  *  - Option and result structs begin with `struct_size`, which the caller sets to sizeof the struct (EC_INIT does it),
- * so that fields can be appended without breaking programs built before. A zero or null field means its default.
+ *    so that fields can be appended without breaking programs built before. A zero or null field means its default.
  *  - Strings are UTF-8 and end with a zero. The library copies what it is given and keeps no pointer past a call.
  *  - Times are microseconds; ec_now_us() reads the clock that publishers and subscribers use.
  *  - An object is used from one thread at a time; different objects are independent. No C++ exception crosses this
- * interface.
+ *    interface.
  */
 #ifndef EIGENCAST_EIGENCAST_H
 #define EIGENCAST_EIGENCAST_H
@@ -80,7 +80,7 @@ typedef struct ec_asset ec_asset;
  * to cancel. */
 typedef int (*ec_progress)(void* user, double fraction, const char* stage);
 
-/** The appearance of a surface: colours of its vertices, an image on its faces, or both, of which viewers show the product. */
+/** The appearance of a surface: colours of its vertices, an image on its faces, or both: viewers show the product. */
 typedef struct ec_appearance {
   size_t struct_size;
   const uint8_t* vertex_colours; /**< vertex_count x 3: red, green, blue, sRGB (default: none). */

@@ -90,8 +90,8 @@ TEST(AugmentedBasis, BeatsHarmonicOnABend) {
   EXPECT_LT(augmented.percent(), harmonic.percent() / 2);
 }
 
-/// On smooth shapes products of harmonics and coordinates almost depend on others; the normalised remainder is noise of the
-/// mesh. Every column must be about as smooth as the harmonics that it replaces.
+/// On smooth shapes products of harmonics and coordinates almost depend on others; the normalised remainder is noise of
+/// the mesh. Every column must be about as smooth as the harmonics that it replaces.
 TEST(AugmentedBasis, KeepsNoAmplifiedNoiseOnSmoothShapes) {
   for (const Surface& surface : {make_icosphere(3), make_torus(50, 25, 1.0, 0.4), heart()}) {
     const auto laplacian = build_laplacian(surface);
