@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Installs whatever of a section of deploy/apt-packages.txt is missing. Does nothing, and needs no rights, when nothing is.
-#   deploy/install-packages.sh [demo|packages|tests|full]     default: tests
+#   deploy/install-packages.sh [demo|packages|tests|full|bench]     default: tests
 # For tests it also puts under build/tools what is never installed: servers and Node modules. What cannot be fetched is
 # named, and the tests that need it are skipped.
 set -euo pipefail
@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 
 section=${1:-tests}
 case "$section" in
-  demo|packages|tests|full) ;;
+  demo|packages|tests|full|bench) ;;
   -h|--help) sed -n '3,6s/^# \{0,1\}//p' "$0"; exit 0 ;;
   *) echo "install-packages: unknown section '$section'; see --help" >&2; exit 2 ;;
 esac
@@ -21,8 +21,9 @@ packages_of() {
 case "$section" in
   demo) sections=(demo) ;;
   packages) sections=(demo packages) ;;
-  tests) sections=(demo tests) ;;
+  tests) sections=(demo packages tests) ;;
   full) sections=(demo packages tests full) ;;
+  bench) sections=(demo packages tests bench) ;;
 esac
 if [ "$(id -u)" = 0 ]; then as_root=(env); elif command -v sudo >/dev/null; then as_root=(sudo); else as_root=(); fi
 
