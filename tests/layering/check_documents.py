@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Checks every Markdown page of the tree. Usage: check_documents.py ROOT
 
-Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree and files of a room that a
-page names exist, docs/architecture.md names every folder, and pages that sources refer to exist.
+Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree, headers and files of a
+room that a page names exist, docs/architecture.md names every folder, and pages that sources refer to exist.
 """
 import pathlib
 import re
@@ -65,6 +65,12 @@ def path_faults(text, top):
             yield f"{name}: there is no such file or folder"
 
 
+def header_faults(text, headers):
+    """Headers that a page names without their folder."""
+    for name in sorted(set(re.findall(r"`(\w+\.h)`", text)) - headers):
+        yield f"{name}: there is no such header"
+
+
 def file_faults(page, text):
     """The table of a folder's README, `file` or `room` first, names files of that folder; of a room its files, too."""
     rows = re.search(r"^\| (?:file|room) \|.*\n\|[-|]+\n((?:\|.*\n)*)", text, re.M)
@@ -102,12 +108,13 @@ def unnamed_folders(files):
 def main():
     files = tracked()
     top = sorted({file.parts[0] for file in files if len(file.parts) > 1})
+    headers = {file.name for file in files if file.suffix == ".h"}
     faults = [*unnamed_folders(files), *reference_faults(files)]
     pages = [file for file in files if file.suffix == ".md"]
     for page in pages:
         text = (ROOT / page).read_text(encoding="utf-8")
         faults += [f"{page}: {fault}" for fault in [*link_faults(page, text), *width_faults(text), *path_faults(text, top),
-                                             *file_faults(page, text)]]
+                                             *header_faults(text, headers), *file_faults(page, text)]]
     print("\n".join(faults) or f"{len(pages)} pages are sound")
     return 1 if faults else 0
 
