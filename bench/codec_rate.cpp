@@ -52,7 +52,7 @@ std::size_t bytes_around(std::size_t payload) {
 struct Tally {
   std::size_t frames = 0, bytes = 0, on_the_wire = 0;
   std::vector<std::size_t> band_bytes;
-  double square = 0;  ///< Of surface distances between target and decoded pose.
+  double square = 0;  ///< Sums surface distances between target and decoded pose.
   std::vector<double> encode_us, decode_us;
 
   void add(const CoefficientLayout& layout, const Asset& asset, const ChainState& state, const Key& target,

@@ -11,7 +11,7 @@
 
 namespace eigencast::bench {
 
-/// How large coefficient k gets beside the first, in the clips that were looked at (sdk/bake.cpp).
+/// How large coefficient k gets beside the first, in the clips that were measured (sdk/bake.cpp).
 inline double amplitude(std::uint32_t k) {
   return std::pow(k + 1.0, -1.2);
 }

@@ -62,7 +62,7 @@ void read_all(const AlignedVector<std::uint64_t>& words, std::size_t bytes, unsi
   });
 }
 
-/// Multiplications a second of one core: `size` in each of the rounds that `work` is told to do.
+/// Multiplications a second of one core: `size` in each of the rounds that `work` is asked for.
 double multiplication_rate(std::size_t size, const std::function<std::uint64_t(std::size_t)>& work) {
   std::vector<double> rates;
   for (int i = 0; i < 9; ++i) {

@@ -22,7 +22,7 @@ constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
 
 namespace fs = std::filesystem;
 
-/// Of the files of a path, folder or glob, to detect changes.
+/// Describes the files of a path, folder or glob, to detect changes.
 struct Stamp {
   std::uint64_t files = 0, bytes = 0;
   fs::file_time_type newest = fs::file_time_type::min();

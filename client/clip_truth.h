@@ -27,7 +27,7 @@ class ClipTruth final : public Truth {
               std::span<float> errors) override;
   std::string why() const override { return why_; }
 
-  /// On the way from frame `first` to the next (cyclic).
+  /// Interpolates from frame `first` to the next (cyclic).
   struct Moment {
     std::size_t first = 0;
     double part = 0;

@@ -46,7 +46,7 @@ std::string text_from_levels(const LevelControl& levels, double work_s);
 /// The most important first; Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);
 
-/// Of the surface. bytes_per_s: 0 if unknown.
+/// Describes the surface. bytes_per_s: 0 if unknown.
 struct Download {
   std::uint64_t bytes = 0, total = 0;
   std::optional<double> seconds_left;  ///< Nothing if unknown or complete.
@@ -57,7 +57,7 @@ Download download_of(const Subscriber::Stats& stats, double bytes_per_s);
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
                             double bytes_per_s = 0, bool has_banner = false);
 
-/// Why a surface stands still; empty while all is well. since_us: the age of the last pose; nothing if none ever came.
+/// Why a surface is still; empty while all is well. since_us: the age of the last pose; nothing if none ever came.
 std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us);
 
 }  // namespace eigencast

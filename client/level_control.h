@@ -12,7 +12,7 @@
 
 namespace eigencast {
 
-/// Who chooses the levels of detail: the user alone, our controller, or the paper's.
+/// What chooses the levels of detail: the user alone, our controller, or the paper's.
 enum class ResolverKind { kNone, kBudget, kPaper };
 
 std::string_view name_of(ResolverKind kind);

@@ -65,7 +65,7 @@ class History {
   TimeUs next_us_ = 0;
 };
 
-/// From zero to a round number above all values.
+/// Spans zero to a round number above all values.
 std::array<float, 2> axis_for(const std::vector<float>& values);
 
 }  // namespace eigencast

@@ -17,7 +17,7 @@ struct Wanted {
   Kind kind = Kind::kNothing;
   std::string what;  ///< A stream's URL, a clip's "file:INPUT", a scene's path.
 };
-/// Of a typed, pasted or dropped text, without spaces and quotes around it: URLs of any scheme but file are streams,
+/// Reads a typed, pasted or dropped text, without spaces and quotes around it: URLs of any scheme but file are streams,
 /// files that end in .json scenes, other paths, globs and built-in shapes clips.
 Wanted wanted_from(const std::string& text);
 

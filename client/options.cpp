@@ -145,7 +145,7 @@ bool knows_a_broker(const RawOptions& raw) {
   return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
 }
 
-/// By default the context's or, without a window to ask in, kDefaultUrl.
+/// Takes the context's by default or, without a window to ask in, kDefaultUrl.
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
   if (!raw.scene.empty()) {

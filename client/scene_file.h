@@ -54,7 +54,7 @@ class CameraPath {
   std::vector<Key> keys_;
 };
 
-/// As a key of a path, for the clipboard.
+/// Writes a key of a path, for the clipboard.
 std::string text_from_camera(const Camera& camera);
 /// Moves the camera to such a key, or to the first key of a whole path; false if the text is neither.
 bool camera_from_text(std::string_view text, Camera& camera);

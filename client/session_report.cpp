@@ -108,7 +108,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   const SurfaceView& view = scene_.instances().front().view;
   std::uint64_t unusable = 0;
   for (const Scene::Instance& instance : scene_.instances()) unusable += instance.view.poses_unusable();
-  // Rates are those between the first and the last arrival, with the counters as they stood at both.
+  // Rates are those between the first and the last arrival, with the counters' values at both.
   const Received first = first_.value_or(Received{}), last = last_.value_or(Received{});
   const double span_s = static_cast<double>(last.arrival_us - first.arrival_us) / 1e6;
   const auto& info = source.info();

@@ -17,13 +17,13 @@ namespace {
 
 thread_local std::string last_error;
 
-/// By ErrorCode.
+/// The index is an ErrorCode.
 constexpr ec_status kStatuses[] = {
     EC_INVALID_ARGUMENT, EC_NOT_FOUND,   EC_CORRUPT,     EC_TOO_LARGE, EC_UNSUPPORTED, EC_IO,        EC_UNREACHABLE,
     EC_REFUSED,          EC_UNREACHABLE, EC_UNREACHABLE, EC_CANCELLED, EC_UNSUPPORTED, EC_NUMERICAL, EC_INTERNAL};
 static_assert(std::size(kStatuses) == static_cast<std::size_t>(ErrorCode::kInternal) + 1);
 
-/// From EC_INTERNAL up to EC_NOTHING.
+/// Lists EC_INTERNAL up to EC_NOTHING.
 constexpr const char* kNames[] = {"internal",    "numerical",    "cancelled", "refused",   "unreachable",      "io",
                                   "unsupported", "too-large",    "corrupt",   "not-found", "invalid-argument", "ok",
                                   "dropped",     "disconnected", "nothing"};

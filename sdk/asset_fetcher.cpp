@@ -165,7 +165,7 @@ class AssetFetcher::Worker {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   // GUARDED_BY(mutex_):
-  std::list<AssetFetcher*> fetchers_;  ///< Those whose turn comes first stand first.
+  std::list<AssetFetcher*> fetchers_;  ///< Those whose turn comes first are first.
   AssetFetcher* current_ = nullptr;    ///< Is being served.
   std::shared_ptr<HttpConnection> http_;
   bool stopping_ = false;

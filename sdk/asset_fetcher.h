@@ -61,7 +61,7 @@ class AssetFetcher final {
   int failures_ = 0;
   TimeUs next_try_us_ = 0;
 
-  /// Of the first object wanted. Belongs to the worker's thread.
+  /// Holds part of the first object wanted. Belongs to the worker's thread.
   Bytes body_;
   std::uint64_t body_order_ = 0;
 };

@@ -322,8 +322,8 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
   return build_basis(surface, laplacian, {options.basis, options.rank, options.solver}, progress);
 }
 
-/// Levels of detail need nothing of the basis, and solving for that leaves a processor idle now and then: found on a
-/// thread of their own; where there is no thread to be had, when they are asked for.
+/// Levels of detail need nothing of the basis, whose solver leaves a processor idle now and then: a thread of their
+/// own finds them. Where no thread is available, the first request does.
 class OrderToCome {
  public:
   OrderToCome(const Surface& surface, std::span<const std::vector<Vec3>> poses, const PlannedAppearance& appearance) {

@@ -20,26 +20,26 @@ namespace eigencast {
 struct BakeOptions {
   BasisKind basis = BasisKind::kAugmented;
   int rank = 200;    ///< r (default: 200).
-  std::string name;  ///< Of the surface, for people.
+  std::string name;  ///< Names the surface to people.
   /// What rounding the basis may move a vertex by (rms, of the diagonal) in a motion as large as those of animations.
   /// 0: columns of 32-bit floats, an asset five to ten times as large.
   double asset_error = 1e-4;
   /// What rig, cage (of its columns) and pca (of its poses) are made of (`rank` is the most that they may have), and
   /// poses that the levels of detail of a mesh are to look like; null: none. Must outlive the bake.
   const KnownMotion* motion = nullptr;
-  /// Of the same surface; null: none. Needed until bake() returns.
+  /// Moves the same surface; null: none. Needed until bake() returns.
   const Appearance* appearance = nullptr;
-  PointsOperator points_operator = PointsOperator::kLocalDelaunay;  ///< Of point clouds.
+  PointsOperator points_operator = PointsOperator::kLocalDelaunay;  ///< Applies to point clouds.
   /// How what a harmonic or pca basis leaves out of the rest pose comes back (default: frames for harmonic, else none).
   /// An asset two to three times as large, whose poses take viewers three times the multiplications.
   std::optional<DetailKind> detail = std::nullopt;
-  /// Of meshes: the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
+  /// Meshes take the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
   bool delaunay = false;
-  EigenSolver solver = EigenSolver::kLanczos;  ///< Of augmented and harmonic bases.
+  EigenSolver solver = EigenSolver::kLanczos;  ///< Solves augmented and harmonic bases.
 };
 DetailKind detail_of(const BakeOptions& options);
 
-/// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.
+/// Called as in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.
 using BakeProgress = std::function<bool(double fraction, std::string_view stage)>;
 
 struct BakeResult {
@@ -57,7 +57,7 @@ struct BakeResult {
 /// Why an asset cannot have an image (that is whole): too large, or neither PNG nor JPEG.
 Result<void> check_image(const Appearance::Image& image);
 
-/// In bytes, an estimate from above. More than there is, and bake() refuses.
+/// Estimates bytes from above. More than there is, and bake() refuses.
 double bake_bytes(std::size_t vertices, const BakeOptions& options);
 
 /// With a cache directory (see asset_cache.h) the result is kept under the hash of the surface and the options, and

@@ -20,7 +20,7 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-// Of derivatives, whose size is about one: frames and normals turn by no more than the most; less gains nothing.
+// Bound the errors of derivatives, whose size is about one: frames and normals turn by at most kMaxError.
 constexpr double kMinError = 1e-3, kMaxError = 1e-2;
 constexpr std::size_t kRowsAtOnce = 256;
 
@@ -32,7 +32,7 @@ void for_rows(std::size_t rows, const Work& work) {
   });
 }
 
-/// In rows' order, in the asset's space.
+/// Returns the rest pose in rows' order, in the asset's space.
 std::vector<Vec3> rest_rows(const Asset& asset, const Surface& surface) {
   std::vector<Vec3> rows(asset.vertex_count);
   for (std::size_t row = 0; row < rows.size(); ++row) {
@@ -70,7 +70,7 @@ std::vector<std::array<float, 3>> normal_rows(const Asset& asset, std::span<cons
   return rows;
 }
 
-/// Of all columns at each row, made each time that they are asked for: as floats they would be twice the basis.
+/// Has all columns at each row, made at each request: as floats they would be twice the basis.
 class Derivatives {
  public:
   Derivatives(const Asset& asset, std::span<const Vec3> base)
@@ -106,7 +106,7 @@ class Derivatives {
 std::vector<float> steps_of(const Asset& asset, const Derivatives& derivatives, const AssetEncoding& encoding,
                             double error) {
   const std::size_t r = asset.rank;
-  // Of each run of rows, so that threads share nothing.
+  // Each run of rows has its own, so that threads share nothing.
   std::vector<std::vector<float>> largest((asset.vertex_count + kRowsAtOnce - 1) / kRowsAtOnce,
                                           std::vector<float>(r, 0.0F));
   derivatives.for_all([&](std::size_t row, std::span<const float> along_x, std::span<const float> along_y) {

@@ -47,7 +47,7 @@ struct BakeFacts {
   const Laplacian& laplacian;
   const Basis& basis;
   double seconds;
-  double bytes;  ///< Of memory.
+  double bytes;  ///< Measures memory.
 };
 
 std::string report_of(const BakeResult& result, const BakeFacts& facts);
@@ -59,7 +59,7 @@ struct TexturePlan {
   Bytes image;
 };
 
-/// Of a surface's images the one that most faces have; nothing where there is none that an asset can have. `report`
+/// Picks the image that most faces have; nothing where there is none that an asset can have. `report`
 /// gets lines for people: which it is, and what was left out and why.
 std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& appearance, std::string& report);
 

@@ -12,7 +12,7 @@
 namespace eigencast {
 namespace {
 
-/// Of a vertex of the rest pose, as receivers rebuild it, over the box's diagonal.
+/// Compares the rest pose with what receivers rebuild, over the box's diagonal.
 double worst_rest_error(const Surface& surface, const Asset& asset) {
   Reconstructor receiver;
   receiver.update(asset);

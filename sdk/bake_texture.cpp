@@ -11,7 +11,7 @@ namespace {
 /// Coordinates beyond this are not UVs.
 constexpr float kFarthest = 1e6F;
 
-/// As a number of appearance.images; -1: none.
+/// Indexes appearance.images; -1: none.
 int image_of(const Appearance& appearance, std::size_t face) {
   if (appearance.face_material.size() <= face) return appearance.images.size() == 1 ? 0 : -1;
   const int material = appearance.face_material[face];

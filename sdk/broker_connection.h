@@ -56,7 +56,7 @@ class BrokerConnection final {
   };
 
   static std::shared_ptr<BrokerConnection> join(const BrokerUrl& url, Request request, Listener& listener);
-  /// No call comes afterwards. Whoever leaves last closes the connection by letting go of it.
+  /// No call comes afterwards. The last user to release the connection closes it.
   void leave(const Listener& listener);
 
   explicit BrokerConnection(const BrokerUrl& url);

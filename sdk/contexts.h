@@ -47,7 +47,7 @@ struct Target {
 };
 
 /// What a user means by a URL or name, credentials and a context's name, any of which may be empty:
-///   a URL    as it stands; a context's credentials go only to its own host and port. Where none is named, those of any
+///   a URL    unchanged; a context's credentials go only to its own host and port. Where none is named, those of any
 ///            context whose broker this is
 ///   a name   that stream at the context's broker
 ///   nothing  the context's URL

@@ -41,7 +41,7 @@ class FrameDecoder {
 
   CoefficientLayout layout_;
   VelocityChannels velocities_;
-  Profile::Scheme scheme_ = Profile::Scheme::kLinear;  ///< Of the profile that the stream comes in.
+  Profile::Scheme scheme_ = Profile::Scheme::kLinear;  ///< Belongs to the profile that the stream comes in.
   std::uint32_t stream_id_ = 0;
   std::uint32_t epoch_ = 0;
   bool has_stream_ = false;

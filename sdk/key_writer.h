@@ -16,7 +16,7 @@ namespace eigencast {
 /// clock, no socket. Not thread-safe.
 class KeyWriter {
  public:
-  /// A key as the next message, and where the chain stands once it has left.
+  /// A key as the next message, and the chain's state once it is written.
   struct Coded {
     Bytes message;
     ChainState next;
@@ -40,7 +40,7 @@ class KeyWriter {
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t stream_id() const { return stream_id_; }
   std::uint32_t epoch() const { return epoch_; }
-  std::uint64_t sequence() const { return sequence_; }  ///< Of the last key that left in this epoch.
+  std::uint64_t sequence() const { return sequence_; }  ///< Numbers the last key written in this epoch.
   std::vector<double> positions_held() const;           ///< r x 3 of held(); empty where there is none.
 
  private:

@@ -222,7 +222,7 @@ class BrokerPublisher final : public Publisher {
     (void)socket_->send_text(text_from_control(control::Ping{++ping_id_, now}));
   }
 
-  // On the connection's thread.
+  // Runs on the connection's thread.
 
   void on_open() {
     const std::lock_guard lock(mutex_);

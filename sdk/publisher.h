@@ -69,7 +69,7 @@ class Publisher {
     std::uint64_t frames_sent = 0;
     std::uint64_t frames_dropped = 0;
     std::uint64_t frames_held = 0;  ///< Not sent because the surface was still (PublisherOptions::still_heartbeat_us).
-    std::uint64_t payload_bytes = 0;  ///< Of the frames sent, envelope included.
+    std::uint64_t payload_bytes = 0;  ///< Counts the frames sent, envelope included.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
     bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.

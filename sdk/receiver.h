@@ -36,7 +36,7 @@ class Receiver final : private BrokerConnection::Listener {
   struct Condition {
     bool open = false, ever_open = false, refused = false;
     bool declined = false;  ///< Connected, but the broker does not give us the stream; it is asked again.
-    std::string trouble;    ///< Of the connection; empty while all is well.
+    std::string trouble;    ///< Says why there is no connection; empty while all is well.
     std::string notice;     ///< What the broker said last.
     FrameDecoder::Counts counts;
     std::uint64_t bytes = 0;

@@ -30,7 +30,7 @@ class RateControl {
   double target_;
   std::uint8_t finest_, all_bands_;
   double log_spacing_;  ///< log2 of the half spacing.
-  double bits_per_s_;   ///< Of the last half second or so.
+  double bits_per_s_;   ///< Averages the last half second or so.
   std::optional<TimeUs> last_us_;
   TimeUs bands_changed_us_ = 0;
   TimeUs band_pause_us_;        ///< Before a band comes back.
@@ -66,8 +66,8 @@ class StillGate {
   double bound_;
   TimeUs heartbeat_us_;
   State state_ = State::kMoving;
-  TimeUs sent_us_ = 0;        ///< Of the last held pose that was sent.
-  TimeUs held_until_us_ = 0;  ///< Of the last pose that was skipped, or sent as held.
+  TimeUs sent_us_ = 0;        ///< When the last held pose was sent.
+  TimeUs held_until_us_ = 0;  ///< Time of the last pose that was skipped, or sent as held.
 };
 
 }  // namespace eigencast

@@ -64,11 +64,11 @@ class Subscriber {
   /// Waits at most `timeout` for news; poses oldest first (at most 64: older ones are dropped).
   virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
 
-  /// As far as it has arrived; null before the first chunk. Changes only inside poll(); a new epoch's asset replaces
+  /// Holds what has arrived; null before the first chunk. Changes only inside poll(); a new epoch's asset replaces
   /// the old one once it can be drawn.
   virtual const Asset* asset() const = 0;
-  virtual std::uint32_t epoch() const = 0;  ///< Of asset(); 0 before.
-  /// As announced last; nothing before, or after the broker refused it.
+  virtual std::uint32_t epoch() const = 0;  ///< Belongs to asset(); 0 before.
+  /// Is the one announced last; nothing before, or after the broker refused it.
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Stats stats() const = 0;
   /// Since the last call, oldest first (at most 256: older ones are dropped).

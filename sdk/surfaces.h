@@ -26,17 +26,17 @@ class Surfaces {
 
   /// True: another surface than before is on its way from now on, or none any more.
   bool announce(const control::StreamInfo& info);
-  /// At most one, so that no call takes long. True: there may be another one ready.
+  /// Takes at most one, so that no call takes long. True: there may be another one ready.
   bool add_object();
 
   /// What is drawn; null before the first chunk of the first surface.
   const Asset* asset() const { return shown_ ? &shown_->reader->asset() : nullptr; }
-  std::uint32_t epoch() const { return shown_ ? shown_->epoch : 0; }  ///< Of asset(); 0 before.
+  std::uint32_t epoch() const { return shown_ ? shown_->epoch : 0; }  ///< Belongs to asset(); 0 before.
   bool is_shown(std::uint32_t epoch) const { return shown_ && shown_->epoch == epoch; }
   bool is_pending(std::uint32_t epoch) const { return pending_ && pending_->epoch == epoch; }
 
   enum class Progress { kNone, kNotDrawable, kDrawable, kFinished };
-  Progress progress() const;  ///< Of the surface announced last.
+  Progress progress() const;  ///< Follows the surface announced last.
   /// Why it can never be drawn; empty if it may.
   std::string damage() const { return latest() ? latest()->damage : std::string(); }
   std::uint64_t total_bytes() const { return latest() ? latest()->total_bytes : 0; }  ///< 0 while unknown.
@@ -46,7 +46,7 @@ class Surfaces {
   struct Slot {
     std::string asset;  ///< 64 hex digits.
     std::uint32_t epoch = 0;
-    StreamFormat format;                ///< Of the poses, as announced last for this asset.
+    StreamFormat format;                ///< The poses', as announced last for this asset.
     std::optional<AssetReader> reader;  ///< From the manifest on.
     std::size_t next_chunk = 0;
     std::uint64_t total_bytes = 0;
@@ -56,7 +56,7 @@ class Surfaces {
     bool goes_on_as(const std::string& id) const { return asset == id && damage.empty(); }
   };
 
-  /// Of the newest epoch.
+  /// Returns the slot of the newest epoch.
   const Slot* latest() const { return pending_ ? pending_.get() : shown_.get(); }
   Slot* latest() { return pending_ ? pending_.get() : shown_.get(); }
   /// The same asset may come with poses of another format.
@@ -69,7 +69,7 @@ class Surfaces {
 
   const LogSink log_;
   std::unique_ptr<Slot> shown_;    ///< Drawable.
-  std::unique_ptr<Slot> pending_;  ///< Of the newest epoch, until its first chunk is in.
+  std::unique_ptr<Slot> pending_;  ///< Holds the newest epoch until its first chunk is in.
   AssetFetcher fetcher_;           ///< Last, so that it ends first.
 };
 

@@ -60,8 +60,8 @@ struct DeformCommand {
   double duration_s = 0;             ///< 0: until the script ends.
   std::uint64_t frames = 0;          ///< 0: no end.
   std::vector<TargetOptions> watch;  ///< Streams of others, shown in the window.
-  std::string view = "front";        ///< Of the window, see Camera::set_view.
-  int width = 1280, height = 800;    ///< Of the window.
+  std::string view = "front";        ///< Sets the window's, see Camera::set_view.
+  int width = 1280, height = 800;    ///< The window's.
   std::string json;
 };
 
@@ -95,7 +95,7 @@ struct ReplayCommand {
   TargetOptions target;  ///< The codec is the recording's.
   double speed = 1;
   double from_s = 0;      ///< Since the start of the recording.
-  double duration_s = 0;  ///< Of the recording; 0: to its end.
+  double duration_s = 0;  ///< Limits the recording; 0: to its end.
   bool loop = false;
   std::string asset_dir;  ///< Objects by hash (bake --out); empty: those of the recording, or the broker's.
   std::string json;

@@ -105,7 +105,8 @@ int report_failure(const Error& error) {
 
 Result<void> write_report(const std::string& path, const std::string& text) {
   if (path.empty()) return {};
-  // By its own name, too: through another descriptor it would lie beneath what else the program prints into a file.
+  // Written here under its own name, too: through another descriptor it would lie beneath the program's
+  // other output.
   if (path != "-" && path != "/dev/stdout") return write_file_atomically(path, text + "\n");
   const bool written = std::fputs((text + "\n").c_str(), stdout) >= 0 && std::fflush(stdout) == 0;
   return written ? Result<void>() : fail(ErrorCode::kIo, "standard output cannot be written");

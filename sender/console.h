@@ -58,7 +58,7 @@ class ProgressLine {
 /// Logs the error and gives its exit status; an interrupted run says only that.
 int report_failure(const Error& error);
 
-/// As a whole or not at all; "-": to standard output. An empty path does nothing.
+/// Writes all or nothing; "-": to standard output. An empty path does nothing.
 Result<void> write_report(const std::string& path, const std::string& text);
 /// Gives the exit status; an error is logged.
 int end_with_report(const std::string& path, const std::string& text);

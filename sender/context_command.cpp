@@ -27,7 +27,8 @@ void print(const Contexts& contexts, bool as_json) {
   if (!as_json && list.empty()) std::puts("no contexts; add one: eigencast-sender context add NAME ws://host");
 }
 
-/// As it is kept: files are named from the root, since it will be used from other folders; all of them are there.
+/// Returns it as it is kept: files are named from the root, since it will be used from other folders, and
+/// exist.
 Result<Context> context_of(const ContextCommand& command) {
   Context context{command.name, command.url, command.credentials};
   Credentials& own = context.credentials;

@@ -63,7 +63,7 @@ Result<StillPose> still_pose(const CoefficientLayout& layout, const Key& key, st
   return still;
 }
 
-/// In the asset's order and space.
+/// Returns them in the asset's order and space.
 std::vector<Vec3> rows_of(const Asset& asset, std::span<const Vec3> source) {
   std::vector<Vec3> rows;
   for (const std::uint32_t vertex : asset.source_vertex) rows.push_back(source[vertex] - asset.origin);

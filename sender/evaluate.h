@@ -31,12 +31,12 @@ struct Evaluation {
   SurfaceError truncation;           ///< Basis alone.
   SurfaceError total;                ///< Basis and codec: what every receiver at full detail sees.
   std::vector<LevelError> levels;    ///< The same at the levels asked for.
-  std::vector<double> rms_by_frame;  ///< Of `total`.
+  std::vector<double> rms_by_frame;  ///< Lists that of `total`.
   StillPose still;
   double quantising_rms = 0;  ///< Area-weighted rms distance of what is received from what was projected, model units.
   std::uint64_t frames = 0;
-  std::uint64_t payload_bytes = 0;  ///< Of all keys; the first is a join frame and is not counted.
-  std::uint64_t join_bytes = 0;     ///< Of the join frame at the end.
+  std::uint64_t payload_bytes = 0;  ///< Counts all keys but the first, which is a join frame.
+  std::uint64_t join_bytes = 0;     ///< Counts the join frame at the end.
   Histogram encode_ns, decode_ns;
   std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
 

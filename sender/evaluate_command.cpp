@@ -99,7 +99,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
   SourceOptions options = command.source;
   options.basis = basis;
   options.rank = rank;
-  // Of several bases those that hold the rest pose have nothing to bring back.
+  // Among several bases those that hold the rest pose have nothing to bring back.
   if (command.bases.size() > 1 && !leaves_detail(basis)) options.detail.clear();
   const auto source = bake_with_progress(options, console, interrupt);
   if (!source) return source.error();

@@ -24,7 +24,8 @@ std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most
 Result<std::string> check_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
                                  bool any_order);
 
-/// From the start of one check to the next: they take at most a fifth of the time for the first poses, then a fiftieth.
+/// Lasts from the start of one check to the next: they take at most a fifth of the time for the first poses, then a
+/// fiftieth.
 ///   size  of the mesh: vertices and faces
 TimeUs pause_between_checks(std::uint64_t checked, std::size_t size);
 
@@ -37,7 +38,7 @@ class ArrivalCheck {
   /// A line where misfits begin or become others; else nothing. positions: n x 3.
   /// Errors: kInvalidArgument: the very first pose certainly is in another order.
   Result<std::optional<std::string>> check(std::span<const float> positions, std::uint64_t number, TimeUs now_us);
-  std::uint64_t misfits() const { return misfits_; }  ///< Of the checked poses.
+  std::uint64_t misfits() const { return misfits_; }  ///< Counts the checked poses.
 
  private:
   VertexOrder order_;

@@ -102,7 +102,7 @@ Result<ClipCoefficients> Player::read_clip(const Projector& projector, Interrupt
 SendStatus Player::send(std::vector<double>& values, TimeUs due_us) {
   if (!command_.velocities) return publisher_->send_coefficients(values, due_us);
   const std::span<double> all(values), V = all.subspan(values.size() / 2);
-  for (double& v : V) v *= command_.speed;  // From the clip's seconds to those of who watches.
+  for (double& v : V) v *= command_.speed;  // From the clip's seconds to the viewer's.
   return publisher_->send_coefficients(all.first(values.size() / 2), due_us, V);
 }
 

@@ -31,7 +31,7 @@ class PoseStream {
   const std::vector<float>& positions() const { return positions_; }
   std::optional<double> time_s() const { return time_s_; }
   std::uint64_t count() const { return count_; }
-  /// Of a pose that has only begun.
+  /// Counts those of a pose that has only begun.
   std::size_t unfinished_bytes() const { return done_ ? 0 : filled_; }
 
  private:
@@ -75,14 +75,14 @@ class Schedule {
   struct Options {
     double rate_hz = 30;       ///< Poses a second to send, > 0.
     double clip_rate_hz = 30;  ///< Poses a second of the clip, > 0.
-    double speed = 1;          ///< Of the motion, > 0.
-    std::size_t frames = 1;    ///< Of the clip, > 0.
+    double speed = 1;          ///< Scales the motion, > 0.
+    std::size_t frames = 1;    ///< Counts the clip's, > 0.
     bool loop = true;
     std::uint64_t max_ticks = 0;  ///< Stop after so many; 0: never.
   };
   struct Tick {
     TimeUs due_us = 0;
-    std::size_t frame = 0;  ///< Of the clip.
+    std::size_t frame = 0;  ///< Indexes the clip.
   };
 
   Schedule(const Options& options, TimeUs start_us) : options_(options), start_us_(start_us) {}

@@ -33,7 +33,7 @@ constexpr TimeUs kLongestPauseUs = 5'000'000;
 struct Pose {
   Key key;
   Bytes coded;         ///< As a key of its chain; empty: it was a join.
-  TimeUs time_us = 0;  ///< Of the recording.
+  TimeUs time_us = 0;  ///< Runs with the recording.
 };
 
 /// So that playing can begin anywhere.

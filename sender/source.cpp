@@ -25,7 +25,7 @@ bool is_builtin(const std::string& input) {
   return std::find(names.begin(), names.end(), input) != names.end() && !std::filesystem::exists(input, ignored);
 }
 
-/// Without the path, which viewers should not learn.
+/// Omits the path, which viewers should not learn.
 std::string public_name(const std::string& clip_name) {
   const std::filesystem::path path(clip_name);
   const std::string stem = path.stem().string();

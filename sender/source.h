@@ -22,16 +22,16 @@ struct SourceOptions {
   std::string input;           ///< Name of a built-in shape, or a path, directory or glob.
   std::string rest;            ///< File of the rest pose (default: the first frame).
   std::string faces;           ///< faces.npy of a .npy clip (default: the one beside it).
-  std::string animation;       ///< Of a glTF file: name or number (default: the first).
-  double sample_rate_hz = 30;  ///< Of formats that state curves instead of poses.
+  std::string animation;       ///< Picks one of a glTF file by name or number (default: the first).
+  double sample_rate_hz = 30;  ///< Samples formats that state curves instead of poses.
   BasisKind basis = BasisKind::kAugmented;
-  EigenSolver solver = EigenSolver::kLanczos;  ///< Of augmented and harmonic bases.
+  EigenSolver solver = EigenSolver::kLanczos;  ///< Solves augmented and harmonic bases.
   int rank = 0;                                ///< 0: 200; of pca 50; of rig and cage all columns that there are.
   std::optional<double> asset_error;  ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
   PointsOperator points_operator = PointsOperator::kLocalDelaunay;  ///< See BakeOptions.
   bool delaunay = false;                                            ///< Likewise.
   std::string detail;                                               ///< See DetailKind; empty: as BakeOptions says.
-  CageOptions cage;                                                 ///< Of the basis cage.
+  CageOptions cage;                                                 ///< Builds the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
   double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.
@@ -88,8 +88,9 @@ Result<RankChoice> choose_rank(double target, int largest, const std::function<R
 /// Over the diagonal, on at most 24 sample poses. Errors: the clip's; kInvalidArgument (another number of vertices).
 Result<double> error_on_samples(const Asset& asset, const MotionClip& clip);
 
-/// As bake_source, with the rank that options.target_error takes on options.poses or, without, the input. Errors: those
-/// of bake_source; kInvalidArgument: the largest rank does not do, no poses to judge by, or they are in another order.
+/// Bakes as bake_source, with the rank that options.target_error takes on options.poses or, without, the input. Errors:
+/// those of bake_source; kInvalidArgument: the largest rank does not do, no poses to judge by, or they are in another
+/// order.
 Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress& progress);
 
 }  // namespace eigencast

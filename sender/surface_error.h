@@ -62,10 +62,10 @@ class SourceRebuilder {
 struct LevelError {
   double fraction = 1;  ///< As it was asked for.
   std::uint32_t vertices = 0;
-  SurfaceError vertex;  ///< Of the vertices that the level has.
+  SurfaceError vertex;  ///< Compares the vertices that the level has.
   double hausdorff =
       0;  ///< Between the level and the truth at full detail, both ways, largest over all poses, over the diagonal.
-  EdgeDifferenceError edges;  ///< Of the level's edges; 0 for point clouds.
+  EdgeDifferenceError edges;  ///< Compares the level's edges; 0 for point clouds.
 };
 
 /// The Hausdorff distance is that of either surface's vertices to the other's triangles (or points), and of points on

@@ -62,9 +62,9 @@ using GlTexture = GlName<glGenTextures, glDeleteTextures>;
 using GlArray = GlName<glGenVertexArrays, glDeleteVertexArrays>;
 using GlFramebuffer = GlName<glGenFramebuffers, glDeleteFramebuffers>;
 
-/// To a texture unit from 0 on.
+/// Binds to a texture unit, from 0 on.
 void bind_texture(GLuint unit, GLenum target, GLuint texture);
-/// Of the bound two-dimensional texture.
+/// Sets that of the bound two-dimensional texture.
 void set_filter(GLint filter);
 /// Copies the colours of one framebuffer to another, averaging samples.
 void copy_colours(GLuint from, GLuint to, int width, int height);

@@ -69,7 +69,7 @@ vec3 own_paint() {
 }
 )";
 
-/// With the geometry shader's inputs as outputs.
+/// Renames the outputs to the geometry shader's inputs.
 std::string renamed(const std::string& vertex) {
   const std::size_t after_version = vertex.find('\n') + 1;
   return vertex.substr(0, after_version) +
@@ -77,7 +77,7 @@ std::string renamed(const std::string& vertex) {
          vertex.substr(after_version);
 }
 
-/// With mipmaps. Surfaces with the same picture share it.
+/// Makes mipmaps. Surfaces with the same picture share it.
 std::shared_ptr<GlTexture> shared_image(const std::shared_ptr<const Picture>& picture) {
   static thread_local std::map<const Picture*, std::weak_ptr<GlTexture>> known;
   std::erase_if(known, [](const auto& entry) { return entry.second.expired(); });

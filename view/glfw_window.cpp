@@ -125,7 +125,7 @@ void GlfwWindow::report_size() {
   listener_->on_resize(size_px().x, size_px().y);
 }
 
-/// From window units, which are not pixels on HiDPI screens.
+/// Converts window units, which are not pixels on HiDPI screens.
 glm::vec2 GlfwWindow::pixels(double x, double y) const {
   return glm::vec2(x, y) * glm::vec2(size_px()) / glm::vec2(glm::max(size(), 1));
 }

@@ -53,13 +53,13 @@ class GlfwWindow final {
   void listen(WindowListener& listener);
 
   void make_current() const;        ///< The context is this thread's, which waits for the display in swap().
-  static void release_current();    ///< The context is no thread's.
+  static void release_current();    ///< No thread has the context then.
   void poll_events(double wait_s);  ///< Waits for the first at most so long; 0: not at all.
   bool close_wanted() const;
   void swap() const;
   void set_title(const std::string& title);
   float content_scale() const;    ///< 1 = 96 dpi
-  float pixels_per_unit() const;  ///< Of the picture per unit of the window: 2 on dense displays of some systems.
+  float pixels_per_unit() const;  ///< The picture's per unit of the window: 2 on some dense displays.
   double display_rate_hz() const;
   glm::ivec2 size() const;     ///< In window units, as it is asked for.
   glm::ivec2 size_px() const;  ///< The picture's.

@@ -97,7 +97,7 @@ class GpuBasis final {
     return packed;
   }
 
-  /// Of its largest buffer.
+  /// Measures its largest buffer.
   static std::size_t texels(const Asset& asset) { return padded_rows(asset) * (groups_of(asset.rank) + 1); }
 
  private:
@@ -147,7 +147,7 @@ class Sums final : public GlPicture {
     glDisable(GL_SCISSOR_TEST);
     glEnable(GL_PROGRAM_POINT_SIZE);
   }
-  /// Of what is bound.
+  /// Clears what is bound.
   static void clear() {
     constexpr std::array<float, 4> kZero{};
     glClearBufferfv(GL_COLOR, 0, kZero.data());

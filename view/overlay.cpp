@@ -57,7 +57,7 @@ float width_of(const std::string& text) {
   return ImGui::CalcTextSize(text.c_str()).x;
 }
 
-/// As many of the first lines as leave room for the scene. Returns the lower end of the box.
+/// Draws as many of the first lines as leave room for the scene. Returns the lower end of the box.
 float draw_figures(const std::vector<std::string>& lines, const Room& room, float left) {
   constexpr float kPart = 0.3F;  // of the picture's height
   const ImGuiStyle& style = ImGui::GetStyle();

@@ -36,8 +36,8 @@ struct TextScale {
   bool operator==(const TextScale&) const = default;
 };
 
-/// On macOS and Wayland the window's units grow with the display's scale `content`; on X11 and Windows the layout must.
-/// wanted: instead of the display's; 0: none.
+/// Scales texts: on macOS and Wayland the window's units grow with the display's scale `content`; on X11 and Windows
+/// the layout must. wanted: instead of the display's; 0: none.
 TextScale text_scale(float content, float pixels_per_unit, float wanted = 0);
 
 /// The scale in a window of this size (its units): down to five eighths, so that texts leave room for the scene.

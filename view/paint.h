@@ -20,7 +20,7 @@ namespace eigencast {
 /// What colours mean; kOwn: the file's vertex colours.
 enum class Colouring { kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
 
-/// As --colour takes them.
+/// Named as --colour takes them.
 inline constexpr EnumNames<Colouring, 8> kColouringNames{
     {"clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
 
@@ -80,7 +80,7 @@ class SurfacePainter {
   std::shared_ptr<TextureLevels> levels_;
 };
 
-/// In the order of key V.
+/// Lists them in the order of key V.
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source);
 
 /// "movement from rest", "channel 4"; "m" if the asset knows its size.

@@ -30,7 +30,7 @@ inline constexpr int kMaxSide = 16'384;
 /// Writes under a temporary name and renames. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Without alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide).
+/// Drops alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide).
 Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 /// Grey ones as RGB. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide, 200 scans), kUnsupported (CMYK).

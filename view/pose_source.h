@@ -30,7 +30,7 @@ class PoseSource {
   /// Waits at most `timeout` and returns the poses that came, oldest first. All belong to epoch() and to an asset()
   /// that can be drawn; others are held until it can.
   virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
-  /// As much as has arrived; null before the first chunk. Valid until the next poll().
+  /// Holds as much as has arrived; null before the first chunk. Valid until the next poll().
   virtual const Asset* asset() const = 0;
   virtual std::uint32_t epoch() const = 0;
   virtual const std::optional<control::StreamInfo>& info() const = 0;

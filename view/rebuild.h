@@ -54,7 +54,7 @@ struct RebuildJob {
   const LevelMorph* level = nullptr;    ///< N = drawn().
   std::uint32_t first = 0;              ///< Rows before it are in `geometry` already.
   bool level_changed = true;            ///< Since the last rebuild.
-  SurfaceGeometry* geometry = nullptr;  ///< To fill; its triangles are those of the level.
+  SurfaceGeometry* geometry = nullptr;  ///< Filled here; its triangles are those of the level.
 
   std::uint32_t vertices() const { return level->drawn(); }
 };
@@ -62,7 +62,7 @@ struct RebuildJob {
 /// kAuto: where it is faster.
 enum class RebuildOn { kAuto, kCpu, kGpu };
 
-/// As --reconstruct takes them.
+/// Named as --reconstruct takes them.
 inline constexpr EnumNames<RebuildOn, 3> kRebuildOnNames{{"auto", "cpu", "gpu"}};
 
 /// Fills positions, X = Psi C, and normals (area-weighted, of discs), morphed between levels (LevelMorph).

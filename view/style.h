@@ -19,7 +19,7 @@ inline constexpr int kColourMaps = 5;
 
 inline constexpr EnumNames<ColourMap, kColourMaps> kColourMapNames{{"viridis", "cividis", "coolwarm", "turbo", "grey"}};
 
-/// From the lowest value to the highest, sRGB. Smith, van der Walt 2015 (viridis); Nunez, Anderton, Renslow 2018
+/// Runs from the lowest value to the highest, sRGB. Smith, van der Walt 2015 (viridis); Nunez, Anderton, Renslow 2018
 /// (cividis); Moreland 2009, "Diverging color maps for scientific visualization" (coolwarm); Mikhailov 2019 (turbo).
 using ColourTable = std::array<std::array<std::uint8_t, 3>, 256>;
 ColourTable table_of(ColourMap map);

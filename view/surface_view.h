@@ -70,7 +70,7 @@ class BandFade {
   std::vector<double> from_;  ///< Shown at started_us_.
 };
 
-/// Of the rest pose.
+/// Facts of the surface at rest.
 struct SurfaceFacts {
   glm::vec3 low{0}, high{0};
   Asset::UpAxis up_axis = Asset::UpAxis::kY;
@@ -119,7 +119,7 @@ class SurfaceView {
   void set_max_vertices(std::optional<std::uint32_t> N) { max_vertices_ = N; }
   /// Upper bound of the pixels per surface unit: MorphPace follows it. Infinite (default): unknown.
   void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }
-  /// Of the area, surface coordinates.
+  /// Averages the area, in surface coordinates.
   glm::vec3 barycentre() const;
 
   const SurfaceGeometry& geometry() const { return geometry_; }
@@ -132,12 +132,12 @@ class SurfaceView {
   Shown shown() const { return shown_; }
   bool settling() const { return settling_; }  ///< See PlayoutPose.
   const std::array<std::uint64_t, 4>& times_shown() const { return times_shown_; }
-  /// Of geometry(), r x c row-major, corrections and fades included.
+  /// They rebuild geometry(), r x c row-major, corrections and fades included.
   std::span<const double> coefficients() const { return coefficients_; }
   /// A pause keeps the pose; level and asset may change.
   void set_paused(bool paused) { paused_ = paused; }
 
-  /// Without the rest pose.
+  /// Does not count the rest pose.
   std::uint64_t poses_shown() const { return poses_shown_; }
   std::optional<TimeUs> shown_capture_us() const { return shown_time_; }  ///< Capture time of geometry().
   std::optional<TimeUs> newest_arrival_us() const { return newest_arrival_; }

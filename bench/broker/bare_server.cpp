@@ -37,8 +37,8 @@ struct Connection {
   int fd;
   SSL* ssl = nullptr;
   enum class State { kTls, kUpgrade, kSubscriber, kPublisher } state = State::kUpgrade;
-  std::string in = {}, rest = {};  ///< Of a message that was written in part.
-  std::size_t index = 0;      ///< Among the subscribers.
+  std::string in = {}, rest = {};  ///< Hold a message that was written in part.
+  std::size_t index = 0;           ///< Among the subscribers.
 };
 
 std::string accept_key(const std::string& key) {
@@ -70,7 +70,7 @@ class Loop {
     if (io_uring_queue_init_params(kBatch, &ring_, &parameters) < 0) throw std::runtime_error("no io_uring here");
   }
 
-  /// From any thread.
+  /// May be called from any thread.
   void adopt(int fd) {
     auto* connection = new Connection{.fd = fd};
     if (tls_ != nullptr) {

@@ -70,7 +70,7 @@ struct Role {
 
 struct Scenario {
   std::uint16_t port;
-  int pid;  ///< Of the relay.
+  int pid;  ///< Names the relay.
   bool tls, publish, several;
   std::size_t subscribers, streams;
   double rate_hz, seconds, warm_s, drain_s;
@@ -258,7 +258,7 @@ struct Subscriber {
   std::vector<std::uint64_t> next;  ///< Sequence of each stream that is expected; 0: any.
   bool paused = false;
   TimeUs resumed_us = 0;
-  std::optional<TimeUs> first_age_us;  ///< Of the first message after a stall.
+  std::optional<TimeUs> first_age_us;  ///< Belongs to the first message after a stall.
   std::uint64_t stale = 0;
 };
 

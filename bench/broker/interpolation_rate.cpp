@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // interpolation_rate FRAMES [STREAMS [KEYS_PER_SECOND]]: what interpolating costs a broker without its sockets: keys
-// are decoded, poses paced, made, coded and framed, for one viewer of each stream who gets them in no time. FRAMES is a
-// file of a join and keys, each behind its length (4 bytes), as interpolation.py keeps them.
+// are decoded, poses paced, made, coded and framed, for one viewer of each stream that gets them in no time. FRAMES is
+// a file of a join and keys, each behind its length (4 bytes), as interpolation.py keeps them.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

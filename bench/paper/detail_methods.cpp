@@ -103,7 +103,7 @@ class Methods {
   bench::DeformationTransfer transfer_;
 };
 
-/// Of an asset with detail along normals.
+/// Takes an asset with detail along normals.
 void print_heights(const std::string& name, const Asset& normal) {
   std::vector<double> heights(normal.vertex_count);  // in the source's order
   for (std::size_t row = 0; row < heights.size(); ++row)

@@ -3,7 +3,7 @@
 """Figure 4 of Zhang et al. 2013: poses interpolated at lambda = 0.33 and 0.66 between two keys, as a viewer draws them.
 
 Above what the broker interpolates between every third frame of a clip, below the clip's own frames. Clips are played slowly, so
-that a viewer that draws without a GPU draws every pose, and the broker is told to bridge such pauses.
+that a viewer that draws without a GPU draws every pose, and the broker is set to bridge such pauses.
 """
 import sys
 

@@ -17,7 +17,7 @@ import time
 
 from common import Stage, lines_of, parser, plt, write_picture, write_table
 
-RANK = 200  # What senders take unless told otherwise.
+RANK = 200  # The senders' default.
 SECONDS = 3
 CASES = [(1, 1, 30), (2, 1, 30), (4, 1, 30), (8, 1, 30), (1, 2, 30), (1, 4, 30), (1, 1, 10), (1, 1, 60), (4, 4, 10)]
 HEADER = ["clients", "objects", "rate", "sent_per_s", "eq8_printed_kbit", "eq8_times_3_kbit", "counted_kbit", "counted_over_eq8_times_3"]

@@ -4,7 +4,7 @@
 
 A sender falls silent in the midst of a clip; what the broker's estimates (Eq. 9, and damped) then show is put beside the clip's
 own frames. The clip is played at a tenth of its pace, so that a viewer that draws without a GPU draws every pose; the
-broker is told to estimate for as much longer.
+broker is set to estimate for as much longer.
 """
 import subprocess
 import sys

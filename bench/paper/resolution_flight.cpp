@@ -56,8 +56,8 @@ double similarity(const Picture& a, const Picture& b) {
 
 /// How two pictures differ.
 struct Difference {
-  double mean = 0;  ///< Of all channels, of 255.
-  double part = 0;  ///< Of the pixels, that differ by more than kSeen in a channel.
+  double mean = 0;  ///< Covers all channels, of 255.
+  double part = 0;  ///< Share of the pixels that differ by more than kSeen.
   static constexpr int kSeen = 3;
 };
 
@@ -157,7 +157,7 @@ class Flight {
   }
 
  private:
-  /// Two rows on the ground, each surface one unit from corner to corner, all looking along the first axis.
+  /// Two rows on the ground, each surface one unit from corner to corner, all facing along the first axis.
   static std::vector<Placement> placements(const Settings& settings, const Asset& asset) {
     std::vector<Placement> all;
     const auto scale = static_cast<float>(1 / asset.diagonal());
@@ -240,7 +240,7 @@ class Flight {
   const double all_vertices_;
   ModelMachine machine_;
   TimeUs now_us_ = 0, before_us_ = 0;
-  Picture last_shown_;  ///< If changes are looked at.
+  Picture last_shown_;  ///< If changes are measured.
   std::vector<std::unique_ptr<ClipSource>> sources_;
   std::vector<PoseSource*> list_, full_list_;
   Scene scene_;

@@ -37,7 +37,7 @@ struct TokenRules {
   std::int64_t leeway_s = 0;  ///< Accepted clock difference.
 };
 
-/// Safe on hostile input. Errors: kRefused; the message tells the holder why.
+/// Safe on hostile input. Errors: kRefused; the message gives the reason.
 Result<Claims> verify_token(std::string_view token, const TokenRules& rules, std::int64_t now_unix_s);
 
 /// Claims of verified tokens by SHA-256 of the token, so that each is verified once and guesses take no room. Cleared

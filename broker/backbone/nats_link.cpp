@@ -12,7 +12,7 @@ namespace {
 using std::chrono_literals::operator""ms;
 using std::chrono_literals::operator""s;
 
-constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Of outgoing messages.
+constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Bounds outgoing messages.
 constexpr std::size_t kMaxWaitingMessages = 16'384;
 constexpr int kMaxUndelivered = 16'384;  ///< Messages on their way to the loop.
 constexpr auto kDrainTime = 1s;          ///< Time to send the queue when stopping.
@@ -344,7 +344,7 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   set(natsOptions_SetSendAsap(raw, true), "servers");
   set(natsOptions_UseGlobalMessageDelivery(raw, true), "servers");
   const auto file = [](const std::string& name) { return resolved_path(name); };
-  // libnats does not read tls:// as a demand: unless told, it follows a server that offers plain text.
+  // libnats does not read tls:// as a demand: by default it follows a server that offers plain text.
   const bool secure = !settings.ca.empty() || !settings.certificate.empty() ||
                       std::any_of(settings.servers.begin(), settings.servers.end(),
                                   [](const std::string& server) { return server.starts_with("tls://"); });

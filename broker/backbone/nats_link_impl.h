@@ -93,7 +93,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   void take_row(ByteView message);  // On the loop. Lost changes are found when the table is read again.
 
   const std::string prefix_;
-  const int replicas_;  ///< Of the table, if this broker creates it: 1, 3 or 5.
+  const int replicas_;  ///< How many the table has if this broker creates it: 1, 3 or 5.
   const std::string bucket_, inbox_;
   OptionsPtr options_;
   std::function<void(std::function<void()>)> on_loop_;

@@ -40,8 +40,8 @@ struct Setting {
   bool live = false;                      ///< A reload applies it; else it needs a restart.
   bool secret = false;                    ///< Never shown.
   std::int64_t min = 0;                   ///< For numbers.
-  std::int64_t max = 0;                   ///< Of numbers.
-  std::string_view unit;                  ///< Of numbers.
+  std::int64_t max = 0;                   ///< For numbers.
+  std::string_view unit;                  ///< For numbers.
   std::vector<std::string_view> choices;  ///< For texts; empty: any.
 
   std::string path() const { return std::string(section) + "." + std::string(name); }
@@ -58,7 +58,7 @@ Result<void> set_config(Config& config, std::string_view path, std::string_view 
 using SettingValue = std::variant<std::string, bool, std::int64_t, std::vector<std::string>>;
 Result<void> set_config(Config& config, const Setting& setting, SettingValue value);
 SettingValue value_of(const Config& config, const Setting& setting);
-/// In TOML syntax: "text", true, 12, ["a", "b"].
+/// Writes the value in TOML syntax: "text", true, 12, ["a", "b"].
 std::string toml_of(const SettingValue& value);
 
 /// The name closest to `wanted`; empty: none is close.

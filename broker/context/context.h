@@ -36,7 +36,7 @@ struct SharedContext {
   AssetStore& assets;
   Recorder& recorder;
   Ownership& ownership;      ///< Belongs to the first loop.
-  const Backbone* backbone;  ///< Belongs to the first loop. Null: this broker stands alone.
+  const Backbone* backbone;  ///< Belongs to the first loop. Null: this broker has no cluster.
   LogSink log;
   std::string version;
   std::string session_id;
@@ -49,7 +49,7 @@ struct Context : SharedContext {
   Hub& hub;
   Turn& turn;    ///< Writes at the end of each turn of the loop.
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
-  std::atomic<std::uint64_t>& last_connection_id;  ///< Of all loops.
+  std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
   /// Connections of this loop, those on their way to it included. Any thread may read it.
   std::atomic<std::uint64_t> connection_count{0};
   Counters counters{};

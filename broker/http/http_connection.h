@@ -109,7 +109,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   };
 
   HttpConnection(Context& context, Transport transport);
-  virtual Limits limits() const = 0;  ///< Of the current request.
+  virtual Limits limits() const = 0;  ///< Those that the current request has.
   virtual void on_head() = 0;
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   const Context& context() const { return context_; }

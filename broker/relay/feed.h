@@ -23,7 +23,7 @@ struct KeyRecord {
   std::uint64_t sequence = 0;
   TimeUs capture_us = 0;
   TimeUs arrival_us = 0;                     ///< On the broker's clock.
-  BandMask bands;                            ///< Of `payload`.
+  BandMask bands;                            ///< Those in `payload`.
   bool join = false;                         ///< `payload` is that of a join frame.
   std::uint8_t half_spacing = 0;             ///< The sender's latest (see encode_key); 0 before its first key.
   std::shared_ptr<const ChainState> before;  ///< Null where the chain restarts: receivers need a join.
@@ -90,7 +90,7 @@ class Feed {
   void emit_made(FramePtr frame, std::vector<FramePtr>& out);
   Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);
   Result<Key> pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const;
-  /// Of the record itself, or of a pose `due` between keys.
+  /// Describes the record itself, or a pose `due` between keys.
   Envelope envelope(FrameKind kind, const KeyRecord& record, const Pacer::Due* due = nullptr) const;
   void set_last_emitted(KeyRecordPtr record);
 

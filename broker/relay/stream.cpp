@@ -343,7 +343,7 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
   watched.group = group.get();
 }
 
-/// Gives up its profile and its place in the group.
+/// Gives up its profile and its slot in the group.
 void Stream::forget(const Watcher& watcher) {
   const auto found = watched_.find(&watcher);
   const auto [profile, group] = found->second;

@@ -134,7 +134,7 @@ class Stream {
   /// The hub keeps it while `mirrored`; call Hub::unwatched() after resetting it.
   void set_mirrored(bool mirrored) { mirrored_ = mirrored; }
   bool is_mirrored() const { return mirrored_; }
-  /// As trace_every(), of its mirrors' watchers.
+  /// Acts as trace_every(), for its mirrors' watchers.
   void set_mirror_trace(std::uint32_t every);
   void report_count();
 

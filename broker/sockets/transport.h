@@ -35,7 +35,7 @@ class Transport {
     Wait wait = Wait::kNo;
     ErrorOf error{};
   };
-  /// Of a system call: `result` is its bytes or its negated errno. `wait`: for what, if it would block.
+  /// Reads a system call's `result`, its bytes or its negated errno. `wait`: for what, if it would block.
   static Outcome outcome_of(std::int64_t result, Wait wait);
   using executor_type = Executor;
 

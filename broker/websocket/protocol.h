@@ -30,7 +30,7 @@ enum class CloseCode : std::uint16_t {
 
 bool is_valid_close_code(std::uint16_t code);
 
-inline constexpr std::size_t kMaxHeaderBytes = 10;    ///< Of a server's frame.
+inline constexpr std::size_t kMaxHeaderBytes = 10;    ///< A server's frame has no more.
 inline constexpr std::size_t kMaxControlBytes = 125;  ///< Payload of ping, pong and close.
 
 void append_header(Opcode opcode, std::size_t size, Bytes& out);

@@ -71,7 +71,7 @@ class MessageReader {
   std::array<std::uint8_t, 4> mask_{};
   std::uint8_t head_size_ = 0;
   std::uint8_t mask_at_ = 0;
-  Opcode message_ = Opcode::kContinuation;  ///< Of the incomplete message; kContinuation: none.
+  Opcode message_ = Opcode::kContinuation;  ///< The incomplete message's; kContinuation: none.
   Utf8Check utf8_;
   bool in_payload_ = false;
   bool handed_on_ = false;  ///< The last event may lie in kept_ or control_.

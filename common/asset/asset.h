@@ -57,12 +57,12 @@ struct AssetFacts {
   UpAxis up_axis = UpAxis::kY;
   Handedness handedness = Handedness::kRight;
   double metres_per_unit = 0;                   ///< 0 = unknown
-  std::array<double, 3> box_low{}, box_high{};  ///< Of the rest pose.
+  std::array<double, 3> box_low{}, box_high{};  ///< Bound the rest pose.
   std::array<double, 3> origin{};  ///< Where the asset's zero lies in the source's space: source = asset + origin.
   std::string name;
 
   bool is_point_cloud() const { return face_total == 0; }
-  double diagonal() const;  ///< Of the rest box.
+  double diagonal() const;  ///< The rest box's.
 };
 
 /// What a receiver needs to rebuild a surface from coefficients, and a sender to project on it. Rows (vertices) are in
@@ -103,7 +103,7 @@ struct Asset : AssetFacts {
     std::vector<std::int16_t> along_x, along_y;  ///< n x r, row-major; no units for vertices without neighbours.
     std::vector<std::array<float, 3>> offset;    ///< n
     std::vector<std::array<float, 3>> normal;    ///< n, of unit length.
-    float unit = 0;                              ///< Of offsets, as the asset's bytes hold them.
+    float unit = 0;                              ///< Scales offsets, as the asset's bytes hold them.
 
     std::size_t size() const { return offset.size(); }
   };

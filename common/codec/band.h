@@ -55,7 +55,7 @@ bool append_quick(std::span<const std::int32_t> values, std::span<const std::int
 /// Errors: kCorrupt (a missing reference, missing or extra bytes, a value out of range).
 Result<std::size_t> read(ByteView in, const References& from, const Spacing& spacing, std::span<std::int32_t> values);
 
-/// As read() selects them: all runs are exact where the spacing is 0.
+/// read() selects between the two: all runs are exact where the spacing is 0.
 Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, std::span<std::int32_t> values);
 Result<std::size_t> read_coarse(ByteView in, const References& from, const Spacing& spacing,
                                 std::span<std::int32_t> values);

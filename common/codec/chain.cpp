@@ -30,7 +30,7 @@ bool all_in_range(std::span<const std::int32_t> values) {
   return all;
 }
 
-/// Of values at the frame's step: memory to reuse.
+/// Holds values at the frame's step, to reuse the memory.
 struct RescaledValues {
   std::vector<std::int32_t> c1, c2;
 };

@@ -315,7 +315,7 @@ constexpr std::uint32_t kMaxMagnitude = 1u << 24;
 /// Price of a bit in squared spacings: higher than in the thorough search, since later levels' costs are ignored.
 constexpr double kBitWorth = 0.09;
 
-/// By rule and context, in 1/256 of m: residuals up to here become 0.
+/// Residuals up to here become 0, by rule and context, in 1/256 of m.
 using ZeroZones = std::array<std::array<std::uint16_t, kContexts>, 2>;
 
 ZeroZones make_zero_zones() {

@@ -56,7 +56,7 @@ Key empty_key(const CoefficientLayout& layout, BandMask bands, std::uint8_t step
 
 /// The quantiser steps: step_size(i) = 2^((i - 160) / 4), i = 0..255 (from 9.1e-13 to 1.4e7).
 double step_size(std::uint8_t index);
-/// Of the largest step that is not above `size`; clamped to the table.
+/// Finds the largest step that is not above `size`; clamped to the table.
 std::uint8_t step_index_below(double size);
 
 /// How finely keys are held and coded: the state's step, and the half spacing m of the levels of coarse runs in steps.

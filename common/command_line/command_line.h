@@ -30,7 +30,7 @@ struct OptionEntry {
   const char* help;
   std::variant<std::monostate, Range, std::vector<std::string>> allowed = {};  ///< By default anything.
   bool shows_default = false;
-  const char* environment = nullptr;  ///< The variable that stands in where the option is not given.
+  const char* environment = nullptr;  ///< The variable that is read where the option is not given.
 };
 
 /// A program's command line. Its source alone pays for CLI11's header, and for one instance of its templates.

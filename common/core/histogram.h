@@ -22,12 +22,12 @@ class Histogram {
   /// Counts one value; a negative one is counted apart and never hidden in a bucket.
   void add(std::int64_t value);
 
-  std::uint64_t count() const { return count_; }        ///< Of values that are not negative.
-  std::uint64_t negative() const { return negative_; }  ///< Of those that are.
+  std::uint64_t count() const { return count_; }        ///< Counts values that are not negative.
+  std::uint64_t negative() const { return negative_; }  ///< Counts those that are.
   std::int64_t min() const { return count_ == 0 ? 0 : min_; }
   std::int64_t max() const { return max_; }
   double mean() const { return count_ == 0 ? 0 : sum_ / static_cast<double>(count_); }
-  /// Of the population.
+  /// Describes the population, not a sample.
   double standard_deviation() const;
 
   /// The upper edge of the bucket that holds the p-th percentile (never above max()); 0 when empty.

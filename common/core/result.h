@@ -27,7 +27,7 @@ enum class ErrorCode {
   kInternal,             ///< A bug of Eigencast.
 };
 
-/// The code's name as it stands on the wire and in logs, for example "not-found".
+/// The code's name on the wire and in logs, for example "not-found".
 constexpr std::string_view name_of(ErrorCode code) {
   constexpr std::string_view kNames[] = {
       "invalid-argument", "not-found",    "corrupt", "too-large", "unsupported",          "io",        "unreachable",
@@ -40,7 +40,7 @@ struct Error {
   std::string message;
 };
 
-/// A T or the Error that stood in its way. Member names follow std::expected (C++23).
+/// A T or the Error that prevented it. Member names follow std::expected (C++23).
 template <typename T>
 class [[nodiscard]] Result {
  public:

@@ -15,10 +15,10 @@ namespace eigencast {
 /// The parts of `text` between separators: one more than it has separators.
 std::vector<std::string_view> split(std::string_view text, char separator);
 
-/// As printf, of any length.
+/// Formats as printf, to any length.
 [[gnu::format(printf, 1, 2)]] std::string formatted(const char* format, ...);
 
-/// Without the blanks, tabs and line ends around it.
+/// Drops the blanks, tabs and line ends around it.
 std::string_view trimmed(std::string_view text);
 
 /// So many hexadecimal digits from the system's source of randomness: a name that nobody else chooses. Thread-safe.

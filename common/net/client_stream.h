@@ -95,7 +95,7 @@ class ClientStream {
   template <typename Buffer>
   using Pieces = boost::container::static_vector<Buffer, 16>;
 
-  /// As many as go into one call; the caller comes back for the rest.
+  /// Takes as many as go into one call; the caller comes back for the rest.
   template <typename Buffer, typename Buffers>
   static Pieces<Buffer> first_of(const Buffers& buffers) {
     Pieces<Buffer> pieces;

@@ -18,7 +18,7 @@ class ClockOffset {
   struct Estimate {
     TimeUs offset_us = 0;  ///< peer_time = own_time + offset
     TimeUs error_us = 0;   ///< Bound: half the round trip of the sample used.
-    TimeUs rtt_us = 0;     ///< Of the sample used.
+    TimeUs rtt_us = 0;     ///< The used sample's.
   };
   /// sent and received on our clock, peer on the peer's. A sample with received < sent is ignored.
   void add(TimeUs sent_us, TimeUs peer_us, TimeUs received_us) {

@@ -26,7 +26,7 @@ using Request = http::request<http::span_body<const std::uint8_t>>;
 constexpr std::size_t kPieceBytes = 64 * 1024;
 constexpr std::uint64_t kMaxRemarkBytes = 64 * 1024;
 
-/// What a WebSocket's address says to those who may upgrade and do not.
+/// What a WebSocket's address answers to a client that may upgrade and does not.
 constexpr int kUpgradeRequired = 426;
 
 /// Where a response's body goes: pieces are appended to `body`, up to `max_bytes` in all.

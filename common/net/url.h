@@ -29,7 +29,7 @@ struct BrokerUrl {
   std::uint16_t port = 7490;
   std::string stream;  ///< Without a leading '/', and without "/v1/subscribe/" or "/v1/publish/". May be empty.
   std::string query;   ///< Without '?', and without access_token.
-  std::string prefix;  ///< What stands before /v1: "/eigencast", for a broker behind a proxy. Empty as a rule.
+  std::string prefix;  ///< The path before /v1: "/eigencast", for a broker behind a proxy. Empty as a rule.
   Credentials credentials;
 
   std::string authority() const;  ///< "host:port", "[v6]:port"

@@ -58,7 +58,7 @@ constexpr double kMaxPixels = 4096;    // across the picture
 constexpr double kMaxRadius = 24;      // pixels of one disc: a lone point hides no more
 constexpr double kInFront = 0.4;       // radii by which another disc must lie before a point to hide it
 
-/// On which side of a point the outside lies, as far as it can be seen from there.
+/// Says on which side of a point the outside lies, as far as it can be seen from there.
 struct SideVote {
   double along = 0;  ///< Sum of n . d over the directions d from which the point is seen.
   double all = 0;    ///< Sum of |n . d| over the same.
@@ -222,7 +222,7 @@ class SignedSets {
     first.all += second.all;
   }
 
-  /// Of a root: whether its outward side is known.
+  /// Whether a root's outward side is known.
   bool decided(std::uint32_t root) const { return is_clear(votes_[root]); }
   bool looks_inwards(std::uint32_t root) const { return votes_[root].along < 0; }
 

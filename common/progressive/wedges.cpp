@@ -86,7 +86,7 @@ class WedgeContraction {
 
   const PrefixOrder& order_;
   std::vector<Face> faces_;   ///< Corners as they are now.
-  std::vector<Face> wedges_;  ///< Of the corners, numbered within their vertex.
+  std::vector<Face> wedges_;  ///< Hold the corners, numbered within their vertex.
   std::vector<std::vector<std::uint32_t>> around_;
   std::vector<std::vector<GridUv>> uvs_;
   std::vector<std::vector<std::uint32_t>> parents_;

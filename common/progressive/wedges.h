@@ -12,7 +12,7 @@
 namespace eigencast {
 
 using GridUv = std::array<std::uint16_t, 2>;  ///< Texture coordinates on a grid.
-using CornerUvs = std::array<GridUv, 3>;      ///< Of the three corners of a face.
+using CornerUvs = std::array<GridUv, 3>;      ///< Has one for each corner of a face.
 
 /// UVs of the vertices along a prefix order: the arrays of AssetTexture.
 struct WedgeOrder {

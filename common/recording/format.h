@@ -15,7 +15,7 @@ namespace eigencast::recording {
 inline constexpr std::array<std::uint8_t, 8> kMagic{'E', 'C', 'R', 'E', 'C', 'O', 'R', '\n'};
 inline constexpr std::uint32_t kVersion = 1;
 inline constexpr std::size_t kHeaderBytes = 12;
-inline constexpr std::size_t kHeadBytes = 17;  ///< Of a record.
+inline constexpr std::size_t kHeadBytes = 17;  ///< Begins a record.
 inline constexpr std::size_t kEndBytes = kHeadBytes + 24;
 inline constexpr std::size_t kIndexEntryBytes = 24;
 inline constexpr std::size_t kMaxBodyBytes = (std::size_t{256} << 20) + 32;  ///< An object is the largest.
@@ -39,7 +39,7 @@ struct Start {
 };
 
 /// CRC-32C (Castagnoli, "Optimization of cyclic redundancy-check codes with 24 and 32 parity bits", 1993) of `data`
-/// after that of what stands before it; begin with 0.
+/// after that of what precedes it; begin with 0.
 std::uint32_t crc32c(std::uint32_t before, ByteView data);
 
 /// The head of a record over `body`, of kHeadBytes.

@@ -15,7 +15,7 @@ namespace eigencast::recording {
 struct Recovered {
   bool was_complete = false;  ///< The file had its end: nothing was changed.
   std::uint64_t frames = 0;
-  std::uint64_t cut_bytes = 0;  ///< Of a record that was never whole.
+  std::uint64_t cut_bytes = 0;  ///< Counts a record that was never whole.
 };
 
 /// Makes a recording whole that a crash left without its end: cuts a torn tail off, adds index and end.

@@ -21,7 +21,7 @@ struct Candidates {
   Eigen::MatrixXd rest;       ///< n x 3: x0, y0, z0 about the M-centroid in units of their rms; not times M^{1/2}.
 };
 
-/// Without the harmonics.
+/// Returns all but the harmonics.
 Candidates candidates_from(std::span<const Vec3> rest, const Eigen::VectorXd& mass);
 
 /// The orthonormal columns of an augmented basis of `rank` (see build_basis), with products of phi_2 to phi_K. Fewer

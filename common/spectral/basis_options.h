@@ -30,7 +30,7 @@ enum class PointsOperator : std::uint8_t {
   kPbMhb,
 };
 
-/// As in options and files.
+/// Names are those in options and files.
 inline constexpr EnumNames<BasisKind, 5> kBasisNames{{"augmented", "harmonic", "rig", "cage", "pca"}};
 inline constexpr EnumNames<EigenSolver, 2> kSolverNames{{"lanczos", "spectra"}};
 inline constexpr EnumNames<PointsOperator, 2> kPointsOperatorNames{{"delaunay", "pb-mhb"}};

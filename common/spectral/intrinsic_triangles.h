@@ -10,7 +10,7 @@
 
 namespace eigencast {
 
-using EdgeLengths = std::array<double, 3>;  ///< Of a triangle; edge i is opposite to corner i.
+using EdgeLengths = std::array<double, 3>;  ///< Belong to a triangle; edge i is opposite to corner i.
 
 /// Heron's formula after Kahan, "Miscalculating Area and Angles of a Needle-like Triangle"; 0 where rounding breaks the
 /// triangle inequality.

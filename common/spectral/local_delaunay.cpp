@@ -22,7 +22,7 @@ struct Neighbour {
   Eigen::Vector2d inverted;  // in the tangent plane, in units of the radius, x / |x|^2
 };
 
-/// In the tangent plane; none when all lie on the point.
+/// Lies in the tangent plane; has no points when all lie on the centre.
 struct Neighbourhood {
   std::vector<Neighbour> points;
   double radius = 0;

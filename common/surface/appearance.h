@@ -21,7 +21,7 @@ struct Appearance {
   struct Material {
     std::string name;
     std::array<float, 4> base_colour{1, 1, 1, 1};  ///< Linear RGBA factor.
-    int image = -1;                                ///< Of the base colour; -1: none.
+    int image = -1;                                ///< Has the base colour; -1: none.
   };
   std::vector<std::array<std::uint8_t, 3>> vertex_colour;          ///< n: sRGB.
   std::vector<std::array<std::array<float, 2>, 3>> corner_uv;      ///< F x 3: first set of texture coordinates.

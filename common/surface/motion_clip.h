@@ -39,7 +39,7 @@ class MotionClip {
  public:
   virtual ~MotionClip() = default;
   virtual const Surface& rest() const = 0;
-  virtual std::size_t frame_count() const = 0;  ///< Of one loop.
+  virtual std::size_t frame_count() const = 0;  ///< Counts one loop.
   virtual double frame_rate_hz() const = 0;     ///< What the source states, else 30.
   /// n x 3, in the order of rest(). REQUIRES: frame < frame_count().
   /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming frame and difference.

@@ -49,7 +49,7 @@ inline constexpr std::string_view kSubprotocol = "eigencast.v1";
 
 /// "welcome", broker to everybody, first message.
 struct Welcome {
-  std::string version;     ///< Of the broker's software.
+  std::string version;     ///< Names the broker's software.
   std::string session_id;  ///< New with each start of the broker: distinguishes a reconnect from a restart.
   TimeUs time_us = 0;      ///< The broker's clock.
 };
@@ -133,12 +133,12 @@ struct Trace {
   std::vector<std::pair<std::string, TimeUs>> stages;
   std::uint32_t epoch = 0;  ///< 0: not said.
   std::uint8_t step = 0;    ///< The step byte of the frame's envelope.
-  /// How the stamper's clock stands to the broker's.
+  /// How the stamper's clock relates to the broker's.
   struct BrokerClock {
     TimeUs offset_us = 0;  ///< The broker's clock is ahead of the stamper's by so much,
     TimeUs error_us = 0;   ///< give or take this.
   };
-  std::optional<BrokerClock> broker_clock;  ///< Of a sender's trace, once it knows.
+  std::optional<BrokerClock> broker_clock;  ///< A sender's trace has it, once it knows.
 };
 
 /// "trace_request", viewer to broker: traces of every so many keys of a stream that it watches, please; and broker to

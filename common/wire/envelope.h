@@ -21,7 +21,7 @@ enum class FrameKind : std::uint8_t {
   kEstimate = 5,
 };
 
-/// Where a pose stands between two keys: `at` of `of` equal steps from key sequence-1 to key sequence.
+/// The position of a pose between two keys: `at` of `of` equal steps from key sequence-1 to key sequence.
 /// {0, 0} on keys and joins, which are not interpolated; on estimates the way goes on from key sequence, and `at` may
 /// exceed `of`. One byte on the wire: at in the high four bits, of in the low.
 struct InterpolationStep {
@@ -46,7 +46,7 @@ struct Envelope {
   InterpolationStep step;       ///< Set unless kKey or kJoin.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.
-  std::uint64_t sequence = 0;   ///< Of the key that this frame is, or leads up to. Consecutive keys differ by one.
+  std::uint64_t sequence = 0;   ///< Numbers the key that this frame is, or leads up to. Consecutive keys differ by one.
   TimeUs capture_us = 0;        ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
 
   bool operator==(const Envelope&) const = default;
@@ -54,7 +54,7 @@ struct Envelope {
 
 struct FrameView {
   Envelope envelope;
-  ByteView payload;  ///< Of the bytes parsed.
+  ByteView payload;  ///< Points into the bytes parsed.
 };
 
 /// Writes the envelope's 27 bytes at the end of `out`. REQUIRES: what parse_frame checks.

@@ -60,7 +60,7 @@ Result<HandleGroup> group_from(const json& value, const Surface& model) {
   return group;
 }
 
-// Of the largest angle's cotangent: obtuse and degenerate triangles would repel or tear without it.
+// Bounds the largest angle's cotangent: obtuse and degenerate triangles would repel or tear without it.
 constexpr double kMinWeight = 1e-3, kMaxWeight = 1e3;
 
 struct Neighbour {
@@ -238,7 +238,7 @@ std::vector<Vec3> ArapDeformer::positions(std::span<const Vec3> moved) {
 }
 
 constexpr std::size_t kSamples = 150;
-// Of the energy's mean diagonal: how strongly a handle is held, and how weakly everything is held at rest.
+// Scale the energy's mean diagonal: how strongly a handle is held, and how weakly everything is held at rest.
 constexpr double kHold = 1e3, kRest = 1e-7;
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

@@ -31,8 +31,8 @@ Result<std::unique_ptr<Deformer>> arap_deformer(const Surface& model, std::vecto
 /// {"handles": [[0, 5, 7], {"low": [x, y, z], "high": [x, y, z]}]}: vertices, or a box of them. Errors: kCorrupt.
 Result<std::vector<HandleGroup>> handle_groups_from_json(std::string_view text, const Surface& model);
 
-/// As arap_deformer, but among the shapes of the asset's basis: the unknowns are coefficients, and one rotation serves
-/// the vertices around a sample (after Jacobson, Baran, Kavan, Popovic and Sorkine, "Fast Automatic Skinning
+/// Deforms as arap_deformer, but among the shapes of the asset's basis: the unknowns are coefficients, and one rotation
+/// serves the vertices around a sample (after Jacobson, Baran, Kavan, Popovic and Sorkine, "Fast Automatic Skinning
 /// Transformations", 2012). A pose costs products of r, whatever the number of vertices. Handles are held by weight,
 /// not exactly; a part of the mesh that none holds stays where it is.
 ///   asset   complete, of the model; keeps a reference

@@ -24,7 +24,7 @@ class Deformer {
   virtual ~Deformer() = default;
   /// The handles at rest.
   virtual std::span<const Vec3> handles() const = 0;
-  /// To draw them by; may be empty.
+  /// They join the handles in pictures; may be empty.
   virtual std::span<const Face> handle_faces() const = 0;
   /// n x 3. REQUIRES: moved.size() == handles().size().
   virtual std::vector<Vec3> positions(std::span<const Vec3> moved) = 0;

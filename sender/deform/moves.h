@@ -29,7 +29,7 @@ inline Vec3 turned(const Vec3& p, const Vec3& centre, std::size_t axis, double a
   return q;
 }
 
-/// By -angle/2 at the low end of the box's middle line to angle/2 at its high end.
+/// Turns by -angle/2 at the low end of the box's middle line to angle/2 at its high end.
 inline Vec3 twisted(const Vec3& p, const Box& box, const Frame& frame, double angle) {
   const double extent = box.high[frame.axis] - box.low[frame.axis];
   const Vec3 middle = middle_of(box);

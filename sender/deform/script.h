@@ -23,14 +23,14 @@ struct Move {
   Kind kind = Kind::kTranslate;
   Frame frame;
   std::vector<std::uint32_t> handles;  ///< Which; all of them are listed too.
-  Vec3 centre{};                       ///< Of a rotation or a scale.
+  Vec3 centre{};                       ///< A rotation or a scale keeps it.
   Track track;                         ///< Radians; or three components; or three for each handle (kPlace).
 };
 
 /// Moves done one after the other to the handles at rest.
 class Script {
  public:
-  /// From JSON, as docs/deform.md says. Errors: kCorrupt: where, and why.
+  /// Reads JSON as docs/deform.md says. Errors: kCorrupt: where, and why.
   static Result<Script> from_json(std::string_view text, std::span<const Vec3> handles);
   /// "twist" (180 degrees), "bend" (180 degrees) or "both" (90 degrees each), of the bar in Figure 2 of Zhang et al.
   /// 2013, as far as its angles are known; there and back in 4 s. Errors: kNotFound.
@@ -38,7 +38,7 @@ class Script {
 
   double duration_s() const { return duration_s_; }
   bool loops() const { return loops_; }
-  /// Of a script that loops, modulo its duration.
+  /// A script that loops takes it modulo its duration.
   std::vector<Vec3> handles_at(double time_s) const;
 
  private:

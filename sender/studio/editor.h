@@ -49,7 +49,7 @@ class Editor {
 
   bool undo() { return step(undo_, redo_); }
   bool redo() { return step(redo_, undo_); }
-  /// As one step.
+  /// Undone as one step.
   void reset();
 
  private:

@@ -51,7 +51,7 @@ std::vector<std::uint32_t> handles_within(const Camera& camera, std::span<const 
 
 void frame(Camera& camera, const glm::vec3& low, const glm::vec3& high, std::span<const Vec3> handles);
 
-/// Of a point that follows the mouse in the plane that faces the camera.
+/// Returns the shift of a point that follows the mouse in the plane that faces the camera.
 Vec3 shift_in_view(const Camera& camera, const Vec3& point, const glm::vec2& from, const glm::vec2& to);
 
 struct Gizmo {

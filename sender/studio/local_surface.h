@@ -18,7 +18,7 @@ class LocalSurface {
 
   /// y: controls of the linear map (c x 3), of handles in the asset's space; C: r x 3.
   void set(std::span<const double> y, std::span<const double> C);
-  /// From the next set() on.
+  /// Takes effect from the next set() on.
   void show_received(bool received) { received_shown_ = received; }
   bool received_shown() const { return received_shown_ || full_.tiles().rank() == 0; }
   const SurfaceGeometry& geometry() const { return geometry_; }

@@ -224,7 +224,7 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
             self.start_nats(victim)
             self.wait_for_nats()  # The cluster heals before the next one dies.
 
-        # A server that goes silent instead of dying: nobody tells its brokers.
+        # A server that goes silent instead of dying: its brokers get no notice.
         victim = self.busiest_nats()
         self.hosts[victim].link("down")
         self.goes_on(one + two, f"cable of NATS server {victim} pulled")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Brokers of one machine over one NATS server: who is let in, what it forgets, and a broker that ends while messages pour in.
+"""Brokers of one machine over one NATS server: which are admitted, what it forgets, and a broker that ends while messages pour in.
 
     one_server_test.py FOLDER-OF-PROGRAMS [-v]
 
@@ -57,7 +57,7 @@ class Sender(threading.Thread):
 
 
 class OneServer(unittest.TestCase):
-    """One NATS server that asks who comes, over TLS, and brokers; all on loopback."""
+    """One NATS server that authenticates its clients, over TLS, and brokers; all on loopback."""
 
     SERVER = """
 listen: "127.0.0.1:{port}"

@@ -71,7 +71,7 @@ void draw(const Asset& asset) {
   }
 }
 
-/// What is written as it stands, every column as 32-bit floats, is what is read.
+/// What is written raw, every column as 32-bit floats, is what is read.
 void write_and_read(const Asset& asset) {
   const auto encoded = encode_asset(asset, {.exact_columns = asset.rank, .compress = false, .code = false});
   require(encoded.has_value());

@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// A file in memory that has a path, with a link whose ending tells its format.
+/// A file in memory that has a path, with a link whose ending names its format.
 class MemoryFile {
  public:
   explicit MemoryFile(const std::string& ending) : descriptor_(memfd_create("fuzz", 0)) {

@@ -17,7 +17,7 @@ WHOLE = ("tests/unit", "tests/fuzz", "tests/golden", "tests/install", "deploy/de
 
 
 def tracked():
-    """Files of the tree; where it is no git checkout, all that lie there but builds."""
+    """Files of the tree; where it is not a git checkout, all that lie there but builds."""
     listed = subprocess.run(["git", "-C", ROOT, "ls-files", "-z"], capture_output=True, text=True, check=False)
     if listed.returncode == 0:
         return [pathlib.PurePath(name) for name in listed.stdout.split("\0") if name]

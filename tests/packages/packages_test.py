@@ -4,7 +4,7 @@
 
     packages_test.py FOLDER [-v]      FOLDER holds the .deb files of one version (deploy/packages.sh)
 
-Needs what machines.py needs, and lintian. Ends with 77, loudly, where that is not to be had. EIGENCAST_CLEAN_ROOT=FOLDER keeps the clean root
+Needs what machines.py needs, and lintian. Ends with 77, loudly, where that is unavailable. EIGENCAST_CLEAN_ROOT=FOLDER keeps the clean root
 there for the next time.
 """
 import json
@@ -194,7 +194,7 @@ def commands_of(text):
 
 
 class Stranger(OnMachines):
-    """Who knows nothing but docs/operations.md."""
+    """An operator that knows nothing but docs/operations.md."""
 
     NAMES = ["broker", "sender", "viewer"]
 

@@ -14,7 +14,7 @@ namespace eigencast::testing {
 struct Impairment {
   TimeUs delay_us = 0;        ///< Added to everything.
   TimeUs jitter_us = 0;       ///< The delay is uniform in delay_us +- jitter_us; TCP's order is kept.
-  double rate_bit_per_s = 0;  ///< Of the link, shared by all that pass; 0: unlimited.
+  double rate_bit_per_s = 0;  ///< The link's, shared by all that pass; 0: unlimited.
   double loss = 0;            ///< Probability that a segment is lost and must be sent again, 0 to 0.5.
   TimeUs retransmit_us =
       0;  ///< How long TCP takes to send a lost segment again; 0: 200 ms + 2 delay_us. Doubles per loss.
@@ -45,7 +45,8 @@ class ImpairedPath {
   /// When the last of `bytes` that enter at now_us leaves.
   TimeUs leaves_at(Flow& flow, std::size_t bytes, TimeUs now_us);
 
-  /// When the link has taken up all that was given to it: whoever holds more back until then keeps its queue short.
+  /// When the link has taken up all that was given to it: a sender that holds more back until then keeps its queue
+  /// short.
   TimeUs busy_until_us() const { return busy_until_us_; }
   std::uint64_t segments_lost() const { return lost_; }
 

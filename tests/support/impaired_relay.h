@@ -20,7 +20,7 @@ class ImpairedRelay {
   struct Options {
     std::uint16_t target_port = 0;  ///< On 127.0.0.1.
     std::uint16_t port = 0;         ///< To listen on, on 127.0.0.1; 0: any free one.
-    Impairment to_target;           ///< From who connects to the target.
+    Impairment to_target;           ///< From the client to the target.
     Impairment from_target;         ///< And back.
     TimeUs most_queued_us =
         200'000;  ///< A rate-limited link holds at most so much of its own bandwidth (default: 200 ms).
@@ -34,7 +34,7 @@ class ImpairedRelay {
 
   std::uint16_t port() const;
   std::string url(const std::string& stream) const { return "ws://127.0.0.1:" + std::to_string(port()) + "/" + stream; }
-  /// Bytes that have left towards whoever connected, and towards the target.
+  /// Bytes that were written to the client, and to the target.
   std::uint64_t bytes_from_target() const;
   std::uint64_t bytes_to_target() const;
 

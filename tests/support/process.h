@@ -52,7 +52,7 @@ class Process {
   std::string log_file_;
 };
 
-/// Waits until `condition` holds, looking every 20 ms; false if it did not within `timeout`.
+/// Waits until `condition` holds, polling every 20 ms; false if it did not within `timeout`.
 template <typename Condition>
 bool eventually(Condition condition, milliseconds timeout = milliseconds(20000));
 

@@ -3,7 +3,7 @@
 
 #include "tests/system/access_scene.h"
 
-// Who is let in and who is not: real brokers, senders and clients with tokens, over TLS.
+// Which clients are admitted and which are not: real brokers, senders and clients with tokens, over TLS.
 namespace eigencast::testing {
 namespace {
 

@@ -30,7 +30,7 @@ class Fault : public Operation {
     client_ = scene_.start_client("a", kEndless);
     ASSERT_TRUE(grows("a")) << scene_.logs();
   }
-  /// No file of the broker may grow beyond so many bytes, which is how a disk without room looks to it.
+  /// No file of the broker may grow beyond so many bytes, which to it is a full disk.
   void limit_files(rlim_t bytes) const {
     rlimit limit{};
     ASSERT_EQ(::prlimit(broker_->pid(), RLIMIT_FSIZE, nullptr, &limit), 0);

@@ -219,7 +219,7 @@ TEST_F(LimitsTest, AReloadAppliesEverythingOrNothing) {
   viewer.send(upgrade_of("/v1/subscribe"));
   EXPECT_THAT(viewer.read_until("welcome"), HasSubstr(" 101 "));
 
-  // Whoever is no longer let in is told, and goes.
+  // A client that is no longer admitted gets the reason, and its connection ends.
   write_secret(scene_.file("eigencast.toml"), before + "anonymous = \"nowhere\"\n[limits]\nmax_streams = 7\n");
   broker->signal(SIGHUP);
   ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded, 2 settings differ", kPatience)) << scene_.logs();

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """A broker with two event loops, over TLS: one stream at the viewers of both, a reload and new certificates that reach both, assets
-beside them, orders that find their clients in either, a stop that tells both.
+beside them, orders that find their clients in either, a stop that reaches both.
 
     loops_test.py BROKER [-v]
 """
@@ -71,7 +71,7 @@ class Loops(unittest.TestCase):
         self.port, self.admin = ports_of(pathlib.Path(self.broker.folder) / "port")
 
     def make_certificate(self):
-        """In the place of the one before; connect() trusts the new one only."""
+        """Replaces the one before; connect() trusts the new one only."""
         subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
                         "-keyout", "key.pem", "-out", "cert.pem", "-subj", "/CN=localhost"], cwd=self.folder, check=True, capture_output=True)
         self.tls = ssl.create_default_context(cafile=self.folder / "cert.pem")
@@ -120,7 +120,7 @@ class Loops(unittest.TestCase):
             kind = payloads.KEY if sequence else payloads.JOIN
             sender.send(frame(BINARY, payloads.float_frame(kind, sequence, 1_000_000 + sequence * 10_000, bands)))
             for viewer in viewers:
-                while (got := next_sequence(viewer)) < sequence:  # Who comes late is given the present pose first.
+                while (got := next_sequence(viewer)) < sequence:  # A late viewer gets the present pose first.
                     pass
                 self.assertEqual(got, sequence)
 
@@ -155,7 +155,7 @@ class Loops(unittest.TestCase):
 
         self.configure(streams=VIEWERS)
         self.broker.process.send_signal(signal.SIGHUP)
-        for viewer in viewers:  # Who is here hears of new limits within a second or so; until then it gets what it asks for.
+        for viewer in viewers:  # Present viewers learn new limits within a second or so.
             viewer.send(control(op="subscribe", stream="b"))
             while (answer := next_control(viewer, "stream", "error"))["op"] == "stream":
                 viewer.send(control(op="unsubscribe", stream="b"))

@@ -25,7 +25,7 @@ std::string ask(const std::string& port, const std::string& method, const std::s
                 const std::string& body = {});
 std::string body_of(const std::string& answer);
 
-/// A scene whose broker is looked at through its admin port.
+/// A scene whose broker is observed through its admin port.
 class Operation : public ::testing::Test {
  protected:
   std::string get(const std::string& target) { return ask(scene_.admin_port(), "GET", target); }
@@ -33,7 +33,7 @@ class Operation : public ::testing::Test {
   nlohmann::json api(const std::string& name);
   /// The first client of the report that is one: "sender", "viewer"; null: none.
   nlohmann::json client_of_kind(const std::string& kind);
-  /// Of a metric without labels. A metric that is not there fails the test.
+  /// Reads a metric without labels. A metric that is not there fails the test.
   double metric(const std::string& name);
   /// The first stream takes keys: ten more arrive.
   bool live();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The broker as a service: what it tells, what it is told, and how it stands with the service manager.
+// The broker as a service: what it reports, what it is asked, and what it says to the service manager.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>

@@ -33,7 +33,8 @@ std::string free_port() {
   return std::to_string(ntohs(address.sin_port));
 }
 
-/// An address of this machine that is not on loopback: whoever connects to it comes from it. Empty: there is none.
+/// An address of this machine that is not on loopback: a client that connects to it comes from it. Empty: there is
+/// none.
 std::string outer_address() {
   ifaddrs* all = nullptr;
   if (::getifaddrs(&all) != 0) return {};
@@ -116,7 +117,7 @@ class ProxyTest : public AccessTest {
     more.insert(more.begin(), {"torus", "--rate", "30", "--ca", scene_.file("proxy.pem")});
     return scene_.start_sender(std::move(more), url("wss", "publish/live/test"));
   }
-  /// The head and body that come back. Whoever asks by an address, not a name, asks without a check of the certificate.
+  /// The head and body that come back. A request by address, not by name, does not check the certificate.
   std::string curl(const std::string& target, std::vector<std::string> arguments = {}) {
     const std::string log = scene_.file("curl-" + std::to_string(++curls_) + ".log");
     arguments.insert(arguments.begin(),

@@ -15,7 +15,7 @@ namespace eigencast::testing {
 /// What a condition is given, at most; no test waits this long.
 inline constexpr milliseconds kPatience{60'000};
 
-/// Arguments of a viewer of raw keys that runs until it is told to stop.
+/// Arguments of a viewer of raw keys that runs until it is stopped.
 inline const std::vector<std::string> kEndless{"--frames", "1000000", "--rate", "raw"};
 
 /// A broker, senders and clients as real processes, all on loopback, all in one temporary folder: assets, cache, logs,
@@ -44,7 +44,7 @@ class Scene {
   const std::string& admin_port() const { return admin_port_; }
   std::string url() const { return other_url_.empty() ? scheme_ + "://127.0.0.1:" + port_ + "/live/test" : other_url_; }
   void use_tls() { scheme_ = "wss"; }
-  /// From now on url() is this one.
+  /// Makes url() this one from now on.
   void watch(const std::string& url) { other_url_ = url; }
   std::string file(const std::string& name) const { return folder_.file(name); }
   /// What client NAME received so far; a half-written last line is left out.

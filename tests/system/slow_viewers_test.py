@@ -123,7 +123,7 @@ class SlowViewers(unittest.TestCase):
         self.port = self.broker.port
 
     def steps_counted(self, direction):
-        """Steps of all ladders, as the metrics tell them."""
+        """Steps of all ladders, as the metrics count them."""
         admin = ports_of(pathlib.Path(self.broker.folder) / "port")[1]
         text = urllib.request.urlopen(f"http://127.0.0.1:{admin}/metrics").read().decode()
         return sum(float(count) for labels, count in re.findall(r"^eigencast_broker_ladder_steps_total{(.*)} (.*)$", text, re.M)
@@ -141,7 +141,7 @@ class SlowViewers(unittest.TestCase):
             newest = other.captures[-1]
             stalled.captures.clear()
             stalled.read_until(lambda: stalled.captures and stalled.captures[-1] >= newest)
-        except EOFError:  # A window may stay narrow: who then answers no ping is given nothing, and is cut off for its silence.
+        except EOFError:  # A window may stay narrow: a viewer that then answers no ping gets nothing, and is cut off.
             self.assertFalse(stalled.answers)
         self.assertEqual(stalled.captures, sorted(stalled.captures))
         return sum(slept < capture < newest - 100_000 for capture in stalled.captures)

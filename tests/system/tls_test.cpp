@@ -3,7 +3,7 @@
 
 #include "tests/system/access_scene.h"
 
-// Certificates that do and that do not: what people read who meet them.
+// Certificates that are accepted and that are not: the messages that people get.
 namespace eigencast::testing {
 namespace {
 

@@ -14,7 +14,7 @@
 
 namespace eigencast {
 
-/// As eigencast-client --record writes it.
+/// Reads what eigencast-client --record writes.
 struct RecordedPose {
   std::uint64_t sequence = 0;
   std::uint8_t at = 0;  ///< Step between key sequence-1 and key sequence; at == of (or 0, 0) is the key itself.
@@ -43,7 +43,7 @@ Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset
 Result<SentFrames> read_sent_frames(const std::string& path);
 Result<std::vector<RecordedPose>> read_recorded_poses(const std::string& path);
 
-/// As member "reconstruction" of its JSON object, which may be new. Errors: kCorrupt, kIo.
+/// Writes member "reconstruction" of its JSON object, which may be new. Errors: kCorrupt, kIo.
 Result<void> add_to_report(const Comparison& comparison, const std::string& report_path);
 
 std::string text_from_comparison(const Comparison& comparison);

@@ -18,8 +18,8 @@ struct Options {
   std::string json, csv, hgrm, hdr_log, samples;  ///< Files; empty: none; "-" (json only): standard output.
   std::vector<std::string> fail_if;
   bool no_progress = false, verbose = false;
-  int pings = 20;             ///< Of probe.
-  std::vector<double> rates;  ///< Of sweep.
+  int pings = 20;             ///< Used by probe.
+  std::vector<double> rates;  ///< Used by sweep.
   std::vector<std::uint32_t> clients;
   std::vector<int> interpolations, ranks;
   std::string compare_a, compare_b;

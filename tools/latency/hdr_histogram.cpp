@@ -20,7 +20,7 @@ void big_endian(std::uint64_t value, int bytes, Bytes& out) {
   for (int i = bytes - 1; i >= 0; --i) out.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
 }
 
-// As varint, but its ninth byte, if any, holds eight bits.
+// Differs from varint: its ninth byte, if any, holds eight bits.
 void add_signed(std::int64_t value, Bytes& out) {
   std::uint64_t v = zigzag(value);
   for (int i = 0; i < 8 && v >= 0x80; ++i, v >>= 7) out.push_back(static_cast<std::uint8_t>(v | 0x80));

@@ -12,7 +12,8 @@
 
 namespace eigencast::latency {
 
-/// From 1 us to an hour, laid out as Gil Tene's HdrHistogram (lowest 1, highest 3.6e9, 3 digits). Not thread-safe.
+/// Counts from 1 us to an hour, laid out as Gil Tene's HdrHistogram (lowest 1, highest 3.6e9, 3 digits). Not
+/// thread-safe.
 class HdrHistogram : public Histogram {
  public:
   static constexpr std::int64_t kHighest = 3'600'000'000;
@@ -21,11 +22,11 @@ class HdrHistogram : public Histogram {
   HdrHistogram() : Histogram(kPrecisionBits) {}
   void add(std::int64_t value_us) { Histogram::add(std::min(value_us, kHighest)); }
 
-  /// Of all values, the negative ones included; nothing where it is one of those, or where fewer than kSamplesBeyond
+  /// Ranks all values, the negative ones included; nothing where it is one of those, or where fewer than kSamplesBeyond
   /// values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum.
   std::optional<std::int64_t> reliable_percentile(double p) const;
 
-  /// As HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.
+  /// Writes what HdrHistogram's tools plot (.hgrm), values divided by `unit_us`.
   std::string spectrum(double unit_us) const;
   /// V2 format, deflated, base64: the last column of an HdrHistogram log.
   std::string encoded() const;
@@ -41,7 +42,7 @@ struct LogInterval {
   HdrHistogram histogram;
 };
 
-/// As of HistogramLogWriter, version 1.3; values in microseconds, maxima in milliseconds.
+/// Written like HistogramLogWriter's, version 1.3; values in microseconds, maxima in milliseconds.
 std::string histogram_log(const std::vector<LogInterval>& intervals, double start_unix_s);
 
 }  // namespace eigencast::latency

@@ -38,7 +38,7 @@ class Load {
     std::uint64_t undecodable = 0;  ///< Frames that build on a key that this viewer does not have.
     HdrHistogram latency_us;        ///< Read minus capture; meaningful where the sender shares our clock.
     HdrHistogram lag_us;            ///< How late its own thread was.
-    double cpu_share = 0;           ///< Of one core, of its thread.
+    double cpu_share = 0;           ///< Its thread's, of one core.
     bool was_bottleneck() const { return cpu_share > 0.8 || lag_us.percentile(99) > 20'000; }
   };
 

@@ -24,7 +24,7 @@ class Presenter {
 struct PictureSize {
   int width = 0, height = 0;
 };
-/// Of "WIDTHxHEIGHT". Errors: kInvalidArgument.
+/// Reads "WIDTHxHEIGHT". Errors: kInvalidArgument.
 Result<PictureSize> picture_size_from_text(const std::string& text);
 
 /// Errors: kUnsupported (no OpenGL here, or a build without the viewer's renderer).

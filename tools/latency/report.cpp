@@ -88,7 +88,7 @@ Json json_from(const ClockTrack& track) {
           {"drift_error_ppm", field(drift, &Drift::error_ppm)}};
 }
 
-/// Without its token: reports are passed on.
+/// Omits its token: reports are passed on.
 std::string without_secrets(const std::string& url) {
   const auto parsed = parse_broker_url(url);
   return parsed ? parsed->shown() : url;
@@ -169,7 +169,7 @@ std::string warning_lines(const Outcome& o) {
   return text;
 }
 
-/// Of a sender alone, which knows nothing of what became of its poses.
+/// Describes a sender alone, which knows nothing of what became of its poses.
 std::string sending_table(const Outcome& o) {
   return formatted("publish: %s, r = %d, %g poses/s, %.1f s\nkeys: %llu sent\n", o.inputs.source.c_str(), o.rank,
                    o.key_rate_hz, o.seconds, n(o.counts.keys_sent)) +

@@ -49,7 +49,7 @@ bool sums_are_wrong(const Outcome& outcome);
 
 struct Verdict {
   bool holds = false;           ///< The run fails. True where there are too few samples to say.
-  std::optional<double> value;  ///< Of the metric: microseconds, or a count; nothing: too few samples.
+  std::optional<double> value;  ///< The metric's: microseconds, or a count; nothing: too few samples.
   std::string text;             ///< For people.
 };
 /// Judges "p99>60ms", "synthetic.p50>30ms", "in_broker.p50>100us", "lost>0". Errors: kInvalidArgument.

@@ -97,7 +97,7 @@ class Sending {
     if (thread_.joinable()) thread_.join();
   }
 
-  /// By the times they are meant for.
+  /// Counts the poses that are meant for times from begin() to end().
   void begin(TimeUs from_us) { from_us_ = from_us; }
   void end(TimeUs until_us) { until_us_ = until_us; }
   std::uint64_t sent() const { return sent_; }

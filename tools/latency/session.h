@@ -20,7 +20,7 @@ namespace eigencast::latency {
 /// Echoed in the report, but for what is secret.
 struct Inputs {
   std::string mode = "loop";     ///< loop, publish, subscribe, passive
-  std::string url;               ///< Of broker and stream.
+  std::string url;               ///< Names broker and stream.
   std::string viewer_url;        ///< Where viewers go, if not there (through a relay).
   Credentials credentials;       ///< For all of these; in no report.
   std::string source = "heart";  ///< Built-in shape.
@@ -50,7 +50,7 @@ struct Inputs {
 
 struct Counts {
   std::uint64_t keys_sent = 0;      ///< While measured.
-  std::uint64_t sends_missed = 0;   ///< Of the schedule: the sender was too late for them.
+  std::uint64_t sends_missed = 0;   ///< Scheduled, but the sender was too late for them.
   std::uint64_t sends_dropped = 0;  ///< The link was behind.
   std::uint64_t keys_received = 0;
   std::uint64_t synthetic_received = 0;
@@ -72,13 +72,13 @@ struct Outcome {
   HdrHistogram
       keys_uncorrected;  ///< As if the schedule had no part in it: actual beginning to rebuilt surface; traced keys.
   std::array<HdrHistogram, kStages> key_stages, synthetic_stages;
-  HdrHistogram key_totals, synthetic_totals;  ///< Of the traced poses, which the stages are of.
+  HdrHistogram key_totals, synthetic_totals;  ///< Count the traced poses, which the stages are of.
   std::uint64_t sums_checked = 0, sums_wrong = 0, impossible = 0;
   TimeUs worst_unexplained_us = 0;
   HdrHistogram held_us;  ///< What interpolation made poses wait, margin included; empty where raw.
   std::array<TimeUs, kStages> stage_error_us{};  ///< Worst bound met in each stage.
   TimeUs total_error_us = 0;                     ///< And in a total.
-  HdrHistogram age_us;  ///< Of the pose on display, sampled every millisecond; needs one clock.
+  HdrHistogram age_us;  ///< That of the pose on display, sampled every millisecond; needs one clock.
   ClockTrack sender_clock, viewer_clock;
   std::optional<TimeUs> round_trip_us;
   std::optional<TimeUs> first_surface_us;  ///< From the subscription to the first rebuilt surface.
@@ -87,16 +87,16 @@ struct Outcome {
   std::string device;                      ///< That draws the pictures.
   std::uint64_t asset_bytes = 0;
   std::uint32_t vertices = 0, vertices_rebuilt = 0;
-  /// As the sender announced them, where that is not this process.
+  /// Those that the sender announced, where that is not this process.
   int rank = 0;
   double key_rate_hz = 0;        ///< 0: not said.
   std::string trouble;           ///< Why the stream was not live when measuring ended; empty: it was.
-  std::uint64_t reconnects = 0;  ///< Of the viewer, while measured.
+  std::uint64_t reconnects = 0;  ///< Counts the viewer's, while measured.
   double kbit_per_s = 0;
   Counts counts;
   std::optional<Load::Figures> load;
   HdrHistogram send_lag_us;  ///< How late the sender's thread woke.
-  double cpu_share = 0;      ///< Of one core, of the whole process.
+  double cpu_share = 0;      ///< The whole process's, of one core.
   double seconds = 0, start_unix_s = 0;
   Intervals intervals;
   std::vector<StagedPose> samples;  ///< At most kMaxStagedPoses.

@@ -31,7 +31,7 @@ enum class Stage : std::uint8_t {
   kPresent,      ///< Positions to a finished picture; 0 where none is made.
 };
 inline constexpr std::size_t kStages = 12;
-/// As in reports: "to_broker".
+/// Spelled as in reports: "to_broker".
 std::string_view name_of(Stage stage);
 /// For people: "to broker".
 std::string title_of(Stage stage);
@@ -56,13 +56,13 @@ struct StagedPose {
   TimeUs uncertainty_us() const;
 };
 
-/// As in Subscriber::Stats.
+/// Defined as in Subscriber::Stats.
 struct ViewerClock {
   TimeUs offset_us = 0;  ///< The broker's minus ours.
   TimeUs error_us = 0;
 };
 
-/// On its own clock.
+/// Measured on its own clock.
 struct Received {
   Envelope envelope;
   TimeUs read_us = 0, decoded_us = 0, taken_us = 0, rebuilt_us = 0;
@@ -83,7 +83,7 @@ class Timeline {
   void add(const control::Trace& trace);
   /// In no particular order.
   std::vector<StagedPose> take();
-  /// Of traced keys.
+  /// Counts traced keys.
   std::uint64_t incomplete() const { return incomplete_; }
 
  private:

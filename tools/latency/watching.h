@@ -29,7 +29,7 @@ class Watching {
   static Result<std::unique_ptr<Watching>> create(const Inputs& inputs, bool one_clock, const LogSink& log);
   ~Watching() { stop(); }
   void stop();
-  /// By capture time.
+  /// Counts the poses whose capture times lie from begin() to end().
   void begin(TimeUs from_us) { from_us_ = from_us; }
   void end(TimeUs until_us) { until_us_ = until_us; }
   bool has_surface() const { return first_surface_us_ != 0; }
@@ -62,7 +62,7 @@ class Watching {
   std::vector<float> positions_;
   DisplayAge age_;
   Timeline timeline_;
-  std::set<std::pair<std::uint64_t, std::uint8_t>> seen_;  ///< Of the newest keys.
+  std::set<std::pair<std::uint64_t, std::uint8_t>> seen_;  ///< Holds the newest keys.
   TimeUs newest_capture_us_ = 0;
   Subscriber::Stats at_begin_;
   TimeUs counted_from_us_ = 0;

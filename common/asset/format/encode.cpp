@@ -95,7 +95,7 @@ class Encoder {
 
   std::size_t bands() const { return asset_.band_ends.size(); }
 
-  /// Of each chunk each band. The last are the largest and begin first, so that no thread ends alone with one.
+  /// Lists each band of each chunk. The last are the largest and begin first, so that no thread ends alone with one.
   std::vector<NewTile> basis_tiles(std::span<const std::uint32_t> ends) const {
     std::vector<Predictors> predictors;
     for (std::size_t c = 0; c < ends.size(); ++c) {
@@ -174,7 +174,7 @@ class Encoder {
     }
   }
 
-  /// As the smaller of the two ways has it. Of large tiles only the coded one is made, which takes a third less time:
+  /// Takes the smaller of the two ways. Large tiles are only coded, which takes a third less time:
   /// zstd wins where entries repeat, as in small surfaces that are made by rule.
   NewTile basis_tile(const BasisBlock& block, std::size_t b) const {
     const std::size_t raw_bytes = basis_tile_bytes(manifest_, b, block.end_row - block.first_row);

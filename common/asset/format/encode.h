@@ -11,7 +11,7 @@
 namespace eigencast {
 
 struct AssetObject {
-  Sha256 id;  ///< Of the bytes.
+  Sha256 id;  ///< Hashes the bytes.
   Bytes bytes;
 };
 
@@ -21,7 +21,7 @@ struct EncodedAsset {
   AssetObject manifest;
   std::vector<AssetObject> chunks;
   std::size_t total_bytes() const;
-  std::size_t detail_bytes() const;  ///< Of them what Asset::detail takes.
+  std::size_t detail_bytes() const;  ///< Those that Asset::detail takes.
 };
 
 /// How the basis is stored. Receivers have the dequantised one: a sender must project on decode(encode(asset)).

@@ -32,7 +32,7 @@ struct TileEntry {
   Compression compression = Compression::kStored;
   std::uint32_t stored_bytes = 0;
   std::uint32_t raw_bytes = 0;
-  Sha256 hash;  ///< Of the stored bytes.
+  Sha256 hash;  ///< Covers the stored bytes.
 
   bool is(TileKind known) const { return kind == static_cast<std::uint8_t>(known); }
 };
@@ -40,7 +40,7 @@ struct TileEntry {
 struct ChunkEntry {
   std::uint32_t end_row = 0;   ///< Vertices after this chunk; the chunk before says where it begins.
   std::uint32_t end_face = 0;  ///< Faces after this chunk: those with death < end_row.
-  Sha256 id;                   ///< Of all the chunk's bytes.
+  Sha256 id;                   ///< Hashes all the chunk's bytes.
   std::vector<TileEntry> tiles;
   std::uint64_t stored_bytes() const;
 };

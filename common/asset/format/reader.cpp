@@ -177,7 +177,7 @@ Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes,
     if (!raw) return raw.error();
     colours = decode_colours(*raw, asset_.colours, map);
   }
-  // Of fewer bands more is missing than detail brings.
+  // With fewer bands more is missing than detail brings.
   const auto detail_tile = bands_ < asset_.band_ends.size() ? std::nullopt : find_tile(entry, bytes, TileKind::kDetail);
   const bool has_detail = detail_tile && asset_.detail.size() == asset_.rows_ready;
   auto detail = has_detail ? unpacked(*detail_tile) : Result<Bytes>(Bytes{});

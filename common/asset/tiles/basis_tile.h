@@ -21,7 +21,7 @@ struct BasisBlock {
   std::uint32_t exact_columns = 0;       ///< Columns of the basis (not of the block) kept as float32.
   std::uint32_t rank = 0;                ///< r
   std::span<const float> column_scales;  ///< r - exact_columns
-  const Predictors& predictors;          ///< Of the block's rows.
+  const Predictors& predictors;          ///< Predict the block's rows.
 };
 
 /// Columns [first, end) of a basis as integers, each row by row to the block's end. Some at a time: a cache line of the

@@ -16,7 +16,7 @@ namespace eigencast {
 /// A decision and how probable it has been: the mean of a quick and a slow estimate, never 0 or 1.
 class AdaptiveBit {
  public:
-  /// Of `true`, in units of 2^-15.
+  /// Returns that of `true`, in units of 2^-15.
   std::uint32_t probability() const { return (std::uint32_t{quick_} + slow_) >> 2; }
   void learn(bool decision) {
     if (seen_ < kSlow) ++seen_;

@@ -14,7 +14,7 @@ constexpr std::size_t kNearest = 10;      // candidates that are weighed
 constexpr std::size_t kMaxChosen = 6;     // more cost more than they save
 constexpr double kRidge = 1e-4;           // of the mean squared length: keeps weights small
 constexpr double kBitsOfOne = 14;         // what one more predictor costs in the tile
-constexpr std::size_t kMaxChildren = 16;  // of one row that are looked at
+constexpr std::size_t kMaxChildren = 16;  // of one row that are tried
 constexpr std::uint32_t kNone = 0xffffffff;
 
 static_assert(kMaxChosen <= Predictors::kMaxPerRow);

@@ -13,7 +13,7 @@ namespace eigencast {
 ///   v[i] is near (sum_j weight_j v[row_j] + 32) >> 6.
 /// Rows follow each other from the first on; predictor j of the i-th of them is at first[i] + j.
 struct Predictors {
-  static constexpr std::size_t kMaxPerRow = 8;     ///< Of one row.
+  static constexpr std::size_t kMaxPerRow = 8;     ///< One row has no more.
   static constexpr std::int32_t kMaxWeight = 511;  ///< In magnitude, so that sums fit 32 bits.
   static constexpr int kOneBits = 6;               ///< 64 means one.
 
@@ -32,8 +32,8 @@ struct Predictors {
   }
 };
 
-/// By least squares over the integer columns, among rows that are near in the order of contraction: those that predict
-/// a row's parent, its siblings and theirs. Costs on the order of n * 10^4 operations.
+/// Predicts by least squares over the integer columns, among rows that are near in the order of contraction: those that
+/// predict a row's parent, its siblings and theirs. Costs on the order of n * 10^4 operations.
 ///   column_scales  of the columns from exact_columns on, as in the manifest
 Predictors choose_predictors(const Asset& asset, std::uint32_t exact_columns, std::span<const float> column_scales);
 

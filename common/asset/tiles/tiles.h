@@ -20,9 +20,9 @@ struct StructureTile {
   std::vector<std::uint32_t> source_vertex;
   std::vector<float> mass;
   std::vector<Corners> faces;        ///< New ones, corners below end_row.
-  std::vector<std::uint32_t> death;  ///< Of the new ones.
+  std::vector<std::uint32_t> death;  ///< Has one for each new face.
   std::vector<Corners> old_faces;    ///< All earlier ones, their corners moved on from first_row to end_row.
-  Predictors predictors;             ///< Of the new rows.
+  Predictors predictors;             ///< Predict the new rows.
 };
 
 struct ChunkRange {

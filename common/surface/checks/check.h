@@ -25,7 +25,7 @@ struct SurfaceReport {
   bool closed() const { return faces > 0 && boundary_edges == 0 && nonmanifold_edges == 0; }
 };
 
-/// Of any surface: faces with a repeated or out-of-range corner are degenerate and join nothing. O(n log n).
+/// Takes any surface: faces with a repeated or out-of-range corner are degenerate and join nothing. O(n log n).
 SurfaceReport check_surface(const Surface& surface);
 
 std::string text_from_report(const SurfaceReport& report);

@@ -25,8 +25,8 @@ struct EdgeDifferenceError {
 /// angle, so that a vertex at rest has one. Not thread-safe.
 class EdgeDifference {
  public:
-  static constexpr double kTimeStep = 0.002;        ///< Of the diagonal.
-  static constexpr double kTemporalWeight = 0.136;  ///< Of the temporal part in the combined one.
+  static constexpr double kTimeStep = 0.002;        ///< A share of the diagonal.
+  static constexpr double kTemporalWeight = 0.136;  ///< Weighs the temporal part in the combined one.
 
   /// faces: of a mesh; without any there is nothing to measure, and every error is 0.
   EdgeDifference(std::size_t vertex_count, std::span<const Face> faces, double diagonal);

@@ -106,7 +106,7 @@ std::vector<JumpFinder::Jump> JumpFinder::jumps() const {
     const bool surface = t == lonely || (enough && step.rms > kFarForSurface && step.rms > kUnusual * usual_rms);
     const bool vertex = enough && step.worst > kFarForVertex && step.worst > kUnusual * usual_worst &&
                         step.worst > kAloneFactor * step.rms;
-    // The way back from a frame that is out of place is not a finding of its own.
+    // The way back from a displaced frame is not a finding of its own.
     const bool returns = jumped && !misfits;
     jumped = misfits || ((surface || vertex) && !returns);
     if (jumped) kinds[t] = misfits ? Jump::kMisfit : vertex ? Jump::kVertex : Jump::kSurface;

@@ -43,9 +43,9 @@ class JumpFinder {
  private:
   struct Step {
     float rms = 0;    ///< Displacement of all vertices since the frame before, in diagonals.
-    float worst = 0;  ///< Of the one that moved farthest.
+    float worst = 0;  ///< Belongs to the one that moved farthest.
     std::uint32_t vertex = 0;
-    float size = 1;          ///< Of the box, relative to the rest pose.
+    float size = 1;          ///< The box's, relative to the rest pose.
     bool exchanged = false;  ///< With its axes in another order it would be where the frame before was.
   };
   enum class Jump : std::uint8_t { kNone, kSurface, kVertex, kMisfit };
@@ -62,7 +62,7 @@ class JumpFinder {
   std::vector<Vec3> before_;
   std::vector<Step> steps_;                                ///< steps_[t] leads to frame t.
   std::vector<std::pair<std::uint32_t, Misfit>> misfits_;  ///< By frame, of those that have one.
-  std::vector<Vec3> centres_;                              ///< Of the first three frames' boxes.
+  std::vector<Vec3> centres_;                              ///< Belong to the first three frames' boxes.
 };
 
 }  // namespace eigencast

@@ -36,7 +36,7 @@ double squared_to_segment(const Vec3& p, const Vec3& a, const Vec3& b) {
   return squared_distance(from, t * along);
 }
 
-/// Of triangles without area, too.
+/// Also takes triangles without area.
 double squared_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 normal = cross(b - a, c - a);
   const double squared_normal = dot(normal, normal);

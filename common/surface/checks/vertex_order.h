@@ -41,7 +41,7 @@ class VertexOrder {
   /// Copies what it needs, of two million faces at most. Without faces everything fits.
   explicit VertexOrder(const Surface& rest);
 
-  const Misfit& rest() const { return rest_; }  ///< Of the rest pose itself: kNone or kOrder.
+  const Misfit& rest() const { return rest_; }  ///< Judges the rest pose itself: kNone or kOrder.
   /// REQUIRES: as many positions as the rest pose has. O(n + F).
   Misfit check(std::span<const Vec3> positions) const;
 
@@ -59,7 +59,7 @@ class VertexOrder {
   double fullness(std::span<const Vec3> positions) const;
 
   std::vector<Face> faces_;
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> edges_;  ///< Of vertices.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> edges_;  ///< Join vertices.
   std::vector<std::pair<std::uint32_t, std::uint32_t>>
       face_pairs_;                     ///< That meet in an edge and have the same orientation.
   std::vector<std::uint32_t> degree_;  ///< n

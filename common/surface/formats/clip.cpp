@@ -34,7 +34,7 @@ bool is_gltf(const std::string& ending) {
   return ending == "gltf" || ending == "glb";
 }
 
-// In natural order; `faces.npy` is not a frame. One that is a clip by itself, where there is nothing else.
+// Lists frames in natural order; `faces.npy` is not one. One that is a clip by itself, where there is nothing else.
 Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, const std::string& where) {
   std::erase_if(paths, [](const std::string& path) { return !text::is_file(path); });
   const auto frames_end = std::stable_partition(paths.begin(), paths.end(), [](const std::string& path) {
@@ -91,7 +91,7 @@ Result<std::vector<std::string>> files_of_glob(const std::string& pattern) {
   return as_sequence(std::move(paths), pattern);
 }
 
-// Of a folder or of a glob, which must be of one kind, or the path itself. A folder with a `vertices.npy` is that file.
+// Lists a folder or a glob, which must be of one kind, or the path itself. A folder with a `vertices.npy` is that file.
 Result<std::vector<std::string>> files_of_sequence(const std::string& path) {
   std::error_code code;
   const auto status = fs::status(path, code);

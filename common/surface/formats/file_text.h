@@ -27,7 +27,7 @@ class Lines {
  public:
   explicit Lines(std::string_view text) : rest_(text) {}
   std::optional<std::string_view> next();         ///< Nothing after the last.
-  std::size_t number() const { return number_; }  ///< Of the line that next() gave last, from 1.
+  std::size_t number() const { return number_; }  ///< Numbers the line that next() gave last, from 1.
 
  private:
   std::string_view rest_;

@@ -38,7 +38,7 @@ class GltfAnimation {
   static void sample(const Track& track, double time_s, std::vector<double>& value);
 
   std::vector<Track> tracks_;
-  std::vector<std::pair<std::size_t, std::size_t>> weights_;  ///< Of each track: first target and how many.
+  std::vector<std::pair<std::size_t, std::size_t>> weights_;  ///< Each track's first target and how many.
   double start_s_ = 0;
   double end_s_ = 0;
 };

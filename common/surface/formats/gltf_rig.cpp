@@ -35,8 +35,8 @@ int order_of(const GltfParts& parts, std::size_t a, std::size_t b) {
 }
 
 struct Welds {
-  std::vector<std::uint32_t> number;        ///< Of each vertex, after welding.
-  std::vector<std::size_t> representative;  ///< Of each after welding: its first in the file.
+  std::vector<std::uint32_t> number;        ///< Numbers each vertex after welding.
+  std::vector<std::size_t> representative;  ///< Finds each welded one's first in the file.
   std::size_t torn = 0;                     ///< Vertices that share a position with one that moves otherwise.
 };
 

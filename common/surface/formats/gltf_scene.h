@@ -64,7 +64,7 @@ struct GltfPart {
   std::size_t node = 0;
   std::vector<Vec3> positions;
   std::vector<std::vector<Rig::Influence>> influences;  ///< Sorted by bone.
-  std::vector<std::vector<Vec3>> offsets;               ///< Of each morph target.
+  std::vector<std::vector<Vec3>> offsets;               ///< Hold each morph target's.
 };
 
 class GltfParts {
@@ -82,7 +82,7 @@ class GltfParts {
  private:
   std::vector<GltfPart> parts_;
   std::vector<std::size_t> first_vertex_;
-  std::vector<std::uint32_t> part_of_;  ///< Of each vertex.
+  std::vector<std::uint32_t> part_of_;  ///< Has one for each vertex.
 };
 
 /// Merges vertices at one position that always move alike, and fills the rig's vertices. Drops faces that collapse,

@@ -19,7 +19,7 @@ constexpr std::size_t kMaxHeaderBytes = 64 * 1024;
 constexpr std::size_t kMaxDimension = std::size_t{1} << 40;
 constexpr std::uint64_t kMaxBlockBytes = 32 << 20;
 
-// Of IEEE 754 binary16.
+// Converts IEEE 754 binary16.
 double double_from_half(std::uint16_t bits) {
   const int exponent = bits >> 10 & 31;
   const double fraction = bits & 1023;

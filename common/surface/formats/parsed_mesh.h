@@ -48,7 +48,7 @@ Result<void> check_sizes(std::size_t vertices, std::size_t triangles);
 /// check_sizes() of what was read; colours that not all vertices have are dropped.
 Result<ParsedMesh> finished(ParsedMesh mesh);
 
-inline constexpr std::uint64_t kMaxCorners = 4096;  ///< Of one face.
+inline constexpr std::uint64_t kMaxCorners = 4096;  ///< One face has no more.
 
 /// 3 to kMaxCorners; `line` is 0 where there are no lines.
 Result<void> check_corners(std::uint64_t corners, std::size_t line);

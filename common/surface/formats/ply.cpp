@@ -114,7 +114,7 @@ class PlyParser {
   }
 
  private:
-  // Of the header. A \r before binary data that starts with \n cannot be distinguished from \r\n.
+  // Ends the header. A \r before binary data that starts with \n cannot be distinguished from \r\n.
   std::optional<std::string_view> header_line() {
     const std::size_t end = bytes_.find_first_of("\r\n");
     if (end == std::string_view::npos) return std::nullopt;

@@ -30,7 +30,7 @@ struct Frames {
 
 std::string frame_of_file(std::size_t frame, const std::string& path);
 
-/// Of a file that ends in pc2 or mdd. MDD states times: the rate is that of their mean distance. Errors: kNotFound,
+/// Opens a file that ends in pc2 or mdd. MDD states times: the rate is that of their mean distance. Errors: kNotFound,
 /// kIo, kCorrupt (its size is not what its header makes it), kTooLarge.
 Result<Frames> open_point_cache(const std::string& path);
 

@@ -110,7 +110,7 @@ Position<T> bar_both(const Vec3& p, T phase) {
   return bent<T>(twisted<T>({p[0], p[1], p[2]}, angle), angle);
 }
 
-// Of height 1 at `centre`, of period 1.
+// Has height 1 at `centre` and period 1.
 template <typename T>
 T pulse(T phase, double centre, double sharpness) {
   return exp(sharpness * (cos(kTurn * (phase - centre)) - 1));

@@ -37,7 +37,7 @@ inline std::int64_t now_us() {
   return ec_now_us();
 }
 
-/// How a surface looks; see ec_appearance. Needed until bake() returns.
+/// A surface's colours and image; see ec_appearance. Needed until bake() returns.
 struct Appearance {
   std::span<const std::uint8_t> vertex_colours = {};  ///< 3 per vertex: red, green, blue, sRGB.
   std::span<const std::uint8_t> image = {};           ///< A whole PNG or JPEG file.
@@ -115,7 +115,7 @@ class Asset {
   std::shared_ptr<ec_asset> asset_;
 };
 
-/// How a client shows who it is, and whom it trusts.
+/// How a client identifies itself, and which authorities it trusts.
 struct Access {
   std::string token = {};             ///< "@FILE" reads it; empty: EIGENCAST_TOKEN of the environment.
   std::string ca_file = {};           ///< PEM file of the authorities trusted for wss://; empty: the system's.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// What senders and viewers are given by a whole broker, and told by it.
+// What a whole broker sends to senders and viewers.
 #include "tests/unit/broker/service.h"
 
 #include <atomic>

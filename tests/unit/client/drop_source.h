@@ -9,8 +9,8 @@ namespace eigencast::testing {
 /// from a connection of its own. False: there is no such window, or it did not take them within five seconds.
 bool drop_on_window(const std::string& display, const std::string& uris);
 
-/// Says how dense the display is, as desktops do (the resource Xft.dpi), to all who come to it afterwards. False: no
-/// such display.
+/// Says how dense the display is, as desktops do (the resource Xft.dpi), to all programs that start afterwards. False:
+/// no such display.
 bool set_display_density(const std::string& display, int dpi);
 
 }  // namespace eigencast::testing

@@ -15,7 +15,7 @@
 namespace eigencast {
 namespace {
 
-/// The slice of the calling thread in nanoseconds; 0 where the kernel does not tell (before Linux 6.12).
+/// The slice of the calling thread in nanoseconds; 0 where the kernel does not say (before Linux 6.12).
 std::uint64_t slice_ns() {
   std::array<std::uint64_t, 6> attributes{};  // size and policy, flags, nice and priority, runtime, deadline, period.
   const long answer = syscall(SYS_sched_getattr, 0L, attributes.data(), sizeof attributes, 0L);

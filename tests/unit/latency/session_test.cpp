@@ -125,8 +125,8 @@ TEST(Session, PairMeasuresByClockOffsets) {
   EXPECT_GT(o->total_error_us, 0);
 }
 
-/// The link breaks in the middle of the run and comes back: who does not know what was sent goes by the numbers of the
-/// keys.
+/// The link breaks in the middle of the run and comes back: a viewer that does not know what was sent goes by the
+/// numbers of the keys.
 TEST(Session, PairCountsLostKeys) {
   LoopbackBroker broker;
   std::thread sender = publishes(broker, 5);

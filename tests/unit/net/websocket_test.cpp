@@ -30,7 +30,7 @@ using ::testing::HasSubstr;
 using testing::LoopbackBroker;
 using testing::milliseconds;
 
-/// What happened on a connection, for a test's thread to look at.
+/// What happened on a connection, for a test's thread to check.
 struct Log {
   std::mutex mutex;
   std::vector<std::string> texts;
@@ -151,7 +151,7 @@ TEST(WebSocket, ServerWithoutTlsIsUnreachable) {
   EXPECT_GT(log.down(0).second.count(), 0);
 }
 
-/// Accepts one connection, upgrades it if `protocol` says how, does what it is told, and then never reads again.
+/// Accepts one connection, upgrades it if `protocol` says how, does what it is asked, and then never reads again.
 class DeafServer {
  public:
   using Socket = beast::websocket::stream<tcp::socket, false>;

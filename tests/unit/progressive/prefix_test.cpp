@@ -265,7 +265,7 @@ TEST(Prefix, DegenerateSurfaces) {
   const Vec3 a{0, 0, 0};
   const double huge = std::numeric_limits<double>::max();
   const Surface surfaces[] = {
-      {{a, a, a, a}, {{0, 1, 2}}},                          // all at one place
+      {{a, a, a, a}, {{0, 1, 2}}},                          // all at one point
       {{a, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 1, 2}}},  // one face
       {{a, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 0, 2}}},  // no proper face
       {{{-huge, 0, 0}, {huge, 0, 0}, {0, huge, 0}, {0, 0, -huge}}, {{0, 1, 2}, {0, 2, 3}}},
@@ -355,7 +355,7 @@ TEST(PrefixPoints, CoversTheSphereEvenly) {
   const PrefixOrder p = order_of(cloud);
   expect_valid(cloud, p);
   EXPECT_EQ(p.base_count, cloud.vertex_count() / 100);
-  // With N points left no place of the sphere is further from them than a few times their mean spacing.
+  // With N points left no point of the sphere is further from them than a few times their mean spacing.
   for (const std::uint32_t N : {512U, 128U, 32U}) {
     double worst = 0;
     for (const Vec3& x : cloud.positions) {

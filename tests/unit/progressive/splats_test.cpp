@@ -26,7 +26,7 @@ std::vector<Vec3> normals_of_mesh(const Surface& mesh) {
   return normals;
 }
 
-/// The share of vertices whose normals look to the mesh's side.
+/// The share of vertices whose normals point to the mesh's side.
 double share_outwards(const Surface& mesh, std::span<const Vec3> normals) {
   const auto truth = normals_of_mesh(mesh);
   std::size_t right = 0;

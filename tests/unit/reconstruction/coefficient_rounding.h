@@ -21,7 +21,7 @@ class CoefficientRounding {
                       std::uint32_t rank)
       : asset_(asset), rank_(rank), whole_(tiles.whole_coefficients(C, channels, rank)) {}
 
-  /// Of each axis of row i.
+  /// Bounds each axis of row i.
   std::array<double, 3> of(std::size_t i) const {
     std::array<double, 3> rounding{};
     if (!whole_) return rounding;

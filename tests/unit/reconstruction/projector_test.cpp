@@ -57,7 +57,7 @@ TEST(Projector, TakesNoOriginFromVectors) {
   for (std::size_t i = 0; i < vectors.size(); ++i) vectors[i] -= asset.origin[i % 3];
   const auto found = projector_of(asset).coefficients_from_vectors(std::span<const double>(vectors));
   ASSERT_TRUE(found);
-  EXPECT_LT(largest_difference(C, *found), 1e-4);  // the sums of places are made in double, and large
+  EXPECT_LT(largest_difference(C, *found), 1e-4);  // the sums of positions are made in double, and large
 }
 
 // The Gram matrix takes out what quantising did to orthonormality: without it the error would be of the noise's size.

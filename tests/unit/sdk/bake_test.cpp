@@ -158,7 +158,7 @@ BakeOptions with_detail(DetailKind detail) {
   options.detail = detail;
   return options;
 }
-/// As receivers rebuild it, in rows' order, in the asset's space.
+/// Returns it as receivers rebuild it, in rows' order, in the asset's space.
 std::vector<float> received(const Asset& asset, const std::vector<double>& C, std::uint32_t N) {
   Reconstructor reconstructor;
   reconstructor.update(asset);
@@ -248,7 +248,7 @@ TEST(Bake, UnstreamableSurfacesAreRefused) {
   const std::vector<Surface> surfaces = {
       {},
       {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, face},   // three vertices
-      {std::vector<Vec3>(10, Vec3{1, 1, 1}), {}},  // all in one place
+      {std::vector<Vec3>(10, Vec3{1, 1, 1}), {}},  // all at one point
       {std::vector<Vec3>(10, Vec3{1, 1, 1}), face},
       {{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}}, face},  // no area
       {{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}, {9, 0, 0}}, {}},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A surface that stands still is not sent: whoever watches, in whatever mode, stays within the bound all the same.
+// A still surface is not sent: viewers in any mode stay within the bound all the same.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -15,7 +15,7 @@ namespace {
 
 using testing::TemporaryFolder;
 
-/// A sender that announces whatever it is told to, of an asset that the broker has.
+/// A sender that announces whatever it is given, of an asset that the broker has.
 class RawSender {
  public:
   explicit RawSender(const LoopbackBroker& broker) {

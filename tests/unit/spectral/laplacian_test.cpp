@@ -134,7 +134,7 @@ TEST(Laplacian, UnreferencedVerticesGetMassAndABridge) {
 TEST(Laplacian, DegenerateFacesLeaveItFiniteAndSemidefinite) {
   Surface surface = make_icosphere(2);
   const std::uint32_t copy = static_cast<std::uint32_t>(surface.positions.size());
-  surface.positions.push_back(surface.positions[0]);  // two corners in one place
+  surface.positions.push_back(surface.positions[0]);  // two corners at one point
   surface.faces.push_back({0, copy, 1});
   surface.faces.push_back({2, 2, 3});  // a corner twice
   surface.positions.push_back({0.5 * (surface.positions[4][0] + surface.positions[5][0]),
@@ -161,7 +161,7 @@ TEST(Laplacian, AcceptsNonManifoldEdgesAndTurnedFaces) {
   EXPECT_GE(spectrum(*laplacian)[0], -1e-10);
 }
 
-/// Of a weight matrix without its diagonal.
+/// Takes a weight matrix without its diagonal.
 double largest_entry_off_the_diagonal(const Eigen::SparseMatrix<double>& L) {
   double largest = -std::numeric_limits<double>::infinity();
   for (int k = 0; k < L.outerSize(); ++k) {
@@ -282,7 +282,7 @@ TEST(PointLaplacian, CoversTheSphereOnce) {
 TEST(PointLaplacian, CoincidentPointsShareMassAndStayConnected) {
   Surface cloud = fibonacci_cloud(400);
   for (int copy = 0; copy < 50; ++copy)
-    cloud.positions.push_back(cloud.positions[7]);  // more than the neighbours looked at
+    cloud.positions.push_back(cloud.positions[7]);  // more than the neighbours that are tried
   for (std::size_t i = 0; i < 400; i += 5) cloud.positions.push_back(cloud.positions[i]);
   const auto laplacian = build_laplacian(cloud);
   ASSERT_TRUE(laplacian);

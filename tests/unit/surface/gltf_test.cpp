@@ -131,7 +131,7 @@ TEST(Gltf, SkinsBlendJointsAndIgnoreTheirNode) {
   const auto clip = open(skinned(), {.rate_hz = 1});
   ASSERT_TRUE(clip) << clip.error().message;
   expect_near((*clip)->rest().positions, {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}});
-  // A quarter turn about (1, 0): (0, 0, 1) goes to (1, -1, 1); vertex 1 is the joint's own place and stays.
+  // A quarter turn about (1, 0): (0, 0, 1) goes to (1, -1, 1); vertex 1 is the joint's own position and stays.
   expect_near(*(*clip)->pose(1), {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, -1, 1}});
   const Rig* rig = (*clip)->rig();
   ASSERT_EQ(rig->bones.size(), 2u);

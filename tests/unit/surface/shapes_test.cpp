@@ -11,7 +11,7 @@
 namespace eigencast {
 namespace {
 
-// Divergence theorem; positive when faces look outward.
+// Divergence theorem; positive when faces point outward.
 double volume(const std::vector<Vec3>& p, const std::vector<Face>& faces) {
   double six_volumes = 0;
   for (const Face& f : faces) {
@@ -168,7 +168,7 @@ TEST(Builtins, BarAndHeartHaveTheStatedSizes) {
 TEST(Builtins, BendsAndTwistsReachTheirAngles) {
   auto clip = builtin_clip("bar:bend", 30);
   const auto quarter = (*clip)->pose((*clip)->frame_count() / 4);
-  // At 180 degrees the two end caps look the same way: the axis is half a circle of the bar's length.
+  // At 180 degrees the two end caps face the same way: the axis is half a circle of the bar's length.
   const Box box = bounding_box(*quarter);
   const double outer_radius = 4.625 / std::numbers::pi + 0.5;
   EXPECT_NEAR(box.high[1] - box.low[1], 2 * outer_radius, 1e-2);

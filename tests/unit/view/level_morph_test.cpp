@@ -35,7 +35,7 @@ TEST(LevelTriangles, AnyWalkGivesTheLevelsTriangles) {
         i % 3 == 0 ? any(random) : std::clamp(levels.level() + near(random) - 20, asset.base_count, asset.vertex_count);
     levels.set_level(N, triangles);
     ASSERT_EQ(triangles, triangles_at_level(asset, N)) << "level " << N;
-    // Who copies only what is said to have changed has the same.
+    // Copying only what is said to have changed gives the same.
     copy.resize(triangles.size());
     const auto& blocks = levels.block_versions();
     ASSERT_EQ(blocks.size(), (triangles.size() + LevelTriangles::kBlock - 1) / LevelTriangles::kBlock);
@@ -249,7 +249,7 @@ TEST(ProgressiveSurfaces, StillPoseRebuildsOnlyNewRows) {
 
 /// What changes from one picture to the next while the level goes from one to another and nothing else does.
 struct Smoothness {
-  double most_mean = 0;   ///< Of the mean difference of two pictures in a row, of 255.
+  double most_mean = 0;   ///< Largest mean difference of two pictures in a row, of 255.
   int most_pixel = 0;     ///< Largest difference of a channel.
   double end_to_end = 0;  ///< Mean difference of the first and the last.
   int pictures = 0;
