@@ -41,7 +41,7 @@ bool is_within(std::span<const IpRange> ranges, const IpAddress& address);
 struct ForwardedHeaders {
   std::string x_forwarded_for;  ///< All fields in order, joined by commas.
   std::string forwarded;        ///< RFC 7239, likewise.
-  bool others = false;          ///< Via, X-Real-IP or another X-Forwarded- header is there.
+  bool others = false;          ///< Via, X-Real-IP or any X-Forwarded- header is there, even empty.
   /// Whether a proxy, or a client that pretends to be one, speaks for somebody.
   bool any() const { return others || !x_forwarded_for.empty() || !forwarded.empty(); }
 };

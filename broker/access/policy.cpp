@@ -51,6 +51,12 @@ std::string_view without_port(std::string_view host) {
   return host.starts_with('[') ? host.substr(1, host.find(']') - 1) : host.substr(0, host.find(':'));
 }
 
+/// Names have no case, and the dot at the end of a full name may be left out.
+bool is_same_host(std::string_view a, std::string_view b) {
+  for (std::string_view* name : {&a, &b}) name->remove_suffix(name->ends_with('.') ? 1 : 0);
+  return a.size() == b.size() && ::strncasecmp(a.data(), b.data(), a.size()) == 0;
+}
+
 /// Equality of the origin with the Host header proves nothing: a foreign name can resolve to 127.0.0.1 (DNS rebinding).
 bool is_local_page(std::string_view origin) {
   const auto scheme = origin.find("://");
@@ -144,8 +150,8 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
 
 bool AccessPolicy::names_broker(std::string_view host) const {
   const std::string_view name = without_port(host);
-  return host.empty() || name == "localhost" || IpAddress::from_text(name) ||
-         std::find(hosts_.begin(), hosts_.end(), name) != hosts_.end();
+  return host.empty() || is_same_host(name, "localhost") || IpAddress::from_text(name) ||
+         std::any_of(hosts_.begin(), hosts_.end(), [&](const std::string& own) { return is_same_host(name, own); });
 }
 
 bool AccessPolicy::is_direct(const AccessRequest& request) const {

@@ -2,7 +2,6 @@
 #include "broker/http/http_connection.h"
 
 #include <algorithm>
-#include <array>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
@@ -22,6 +21,7 @@ namespace http = beast::http;
 
 constexpr std::size_t kMaxHeadBytes = 16 * 1024;
 constexpr std::int64_t kMaxDrainMs = 2'000;
+constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
 
 /// Parser errors, except those of a peer that went away.
 bool is_malformed_request(ErrorOf error) {
@@ -77,17 +77,21 @@ std::optional<std::uint64_t> HttpConnection::content_length() const {
 }
 
 AccessRequest HttpConnection::access_request(std::string query_token) const {
-  const auto is_there = [&](const char* name) { return !header(name).empty(); };
-  constexpr std::array kOthers = {"Via", "X-Real-IP", "X-Forwarded-Host", "X-Forwarded-Proto"};
+  const auto& fields = wire_->parser->get();
+  const bool others = std::any_of(fields.begin(), fields.end(), [](const auto& field) {
+    return beast::iequals(field.name_string().substr(0, kForwardedPrefix.size()), kForwardedPrefix) ||
+           field.name() == http::field::via || beast::iequals(field.name_string(), "X-Real-IP");
+  });
   // All fields of the forwarded: one that a client sent must not hide those that a proxy added.
-  return {peer_,
-          header("Authorization"),
-          std::move(query_token),
-          header("Origin"),
-          header("Host"),
-          header("X-Forwarded-Host"),
-          {joined_headers("X-Forwarded-For"), joined_headers("Forwarded"),
-           std::any_of(kOthers.begin(), kOthers.end(), is_there)}};
+  return {.peer = peer_,
+          .authorization = header("Authorization"),
+          .query_token = std::move(query_token),
+          .origin = header("Origin"),
+          .host = header("Host"),
+          .forwarded_host = header("X-Forwarded-Host"),
+          .forwarded = {.x_forwarded_for = joined_headers("X-Forwarded-For"),
+                        .forwarded = joined_headers("Forwarded"),
+                        .others = others}};
 }
 
 bool HttpConnection::is_websocket_upgrade() const {

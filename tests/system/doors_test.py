@@ -52,10 +52,11 @@ class Doors(unittest.TestCase):
     def test_a_claimed_or_rebound_address_is_not_local(self):
         data, admin = self.start("--proxy-trusted=127.0.0.0/8", "--access-monitors=127.0.0.0/8", "--access-hosts=broker")
         for port, target in ((data, "/v1/streams"), (admin, "/api/clients"), (admin, "/metrics")):
-            for good in ({}, {"Host": "localhost:1"}, {"Host": "[::1]"}, {"Host": "broker:7490"}):
+            for good in ({}, {"Host": "localhost:1"}, {"Host": "[::1]"}, {"Host": "broker:7490"}, {"Host": "Broker."},
+                         {"Host": "LocalHost:1"}):
                 self.assertEqual(ask(port, "GET", target, headers=good)[0], 200, (target, good))
             for bad in ({"X-Forwarded-For": "127.0.0.1"}, {"Forwarded": "for=127.0.0.1"}, {"X-Real-IP": "127.0.0.1"}, {"Via": "1.1 a"},
-                        {"X-Forwarded-Host": "localhost"}, {"Host": "evil.example"}, {"Host": "localhost.evil.example"},
+                        {"X-Forwarded-Host": "localhost"}, {"x-forwarded-port": "7490"}, {"X-Forwarded-Proto": "http"}, {"Host": "evil.example"}, {"Host": "localhost.evil.example"},
                         {"Host": "127.0.0.1.evil.example:7490"}):
                 self.assertEqual(ask(port, "GET", target, headers=bad)[0], 401, (target, bad))
 

@@ -162,7 +162,11 @@ TEST_F(GateTest, ReboundNameIsNeitherLocalNorMonitor) {
   EXPECT_EQ(turned_away(request).status, 401);
   config_.access.hosts = {"broker"};
   reload();
-  EXPECT_TRUE(read_as("10.1.2.3", "broker:7491"));
+  for (const char* own : {"broker:7491", "Broker:7491", "BROKER.", "localhost.", "LOCALHOST:7491"}) {
+    EXPECT_TRUE(read_as("10.1.2.3", own)) << own;
+  }
+  EXPECT_FALSE(read_as("10.1.2.3", "broker.."));
+  EXPECT_FALSE(read_as("10.1.2.3", "brokers"));
 }
 
 TEST_F(GateTest, ListedPagesDoNotOpenTheAdminPort) {
