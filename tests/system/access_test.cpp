@@ -133,7 +133,8 @@ TEST_F(AccessTest, FixedTokensAdmitAndInspectPrintsTheirRights) {
     return text_of(scene_.file(name + ".log"));
   };
   EXPECT_THAT(turned_away("guess", "ect_" + std::string(64, '0'), scene_.url()), HasSubstr("does not know the token"));
-  EXPECT_THAT(turned_away("astray", secret, "http://127.0.0.1:" + scene_.port() + "/other"), HasSubstr("'other'"));
+  EXPECT_THAT(turned_away("astray", secret, "http://127.0.0.1:" + scene_.port() + "/other"),
+              HasSubstr("publish 'other'"));
   const std::vector<std::string> inspect = {
       "eigencast-broker", "token", "inspect", "--config", scene_.file("eigencast.toml"), secret};
   auto may = inspect;

@@ -133,13 +133,12 @@ class SlowViewers(unittest.TestCase):
         """Poses of the time of the stall that the viewer is given when it wakes. The stall ends when another viewer has so many
         seconds' worth of poses."""
         stalled, other = Viewer(self.port, "s", "?rate=raw", **viewer), Viewer(self.port, "s", "?rate=raw")
-        slept = newest = 0
+        stalled.read_until(lambda: len(stalled.captures) > self.rate)
+        slept = now_us()
+        other.read_until(lambda: other.captures and other.captures[-1] > slept + seconds * 1_000_000)
+        newest = other.captures[-1]
+        stalled.captures.clear()
         try:
-            stalled.read_until(lambda: len(stalled.captures) > self.rate)
-            slept = now_us()
-            other.read_until(lambda: other.captures and other.captures[-1] > slept + seconds * 1_000_000)
-            newest = other.captures[-1]
-            stalled.captures.clear()
             stalled.read_until(lambda: stalled.captures and stalled.captures[-1] >= newest)
         except EOFError:  # A window may stay narrow: a viewer that then answers no ping gets nothing, and is cut off.
             self.assertFalse(stalled.answers)

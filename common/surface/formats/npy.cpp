@@ -155,7 +155,8 @@ Result<NpyFile> NpyFile::open(const std::string& path) {
   std::uint64_t items = 1;
   for (const std::size_t extent : file.shape_) {
     if (extent != 0 && items > items_there / extent) {
-      return corrupt("the header claims more values than the " + std::to_string(items_there) + " that are there");
+      return corrupt("an extent of " + std::to_string(extent) + " claims more values than the " +
+                     std::to_string(items_there) + " that are there");
     }
     items *= extent;
   }

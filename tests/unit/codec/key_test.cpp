@@ -7,6 +7,7 @@
 #include <limits>
 #include <random>
 
+#include "common/codec/fixed.h"
 #include "tests/unit/codec/motion_sample.h"
 
 namespace eigencast {
@@ -21,12 +22,10 @@ CoefficientLayout row_of(std::size_t values) {
   return {CodecKind::kQuantised, static_cast<std::uint32_t>(values), 1, {static_cast<std::uint32_t>(values)}};
 }
 
-/// By the fixed-point rule: the start of the way to a key at that step.
+/// The start of the way to a key at that step.
 Result<Key> rescale(const Key& key, std::uint8_t step) {
   const Key at_step = key_of(std::vector<std::int32_t>(key.q.size()), step);
-  auto start = interpolate_keys(row_of(key.q.size()), key_of(key.q, key.step), at_step, 0, 1);
-  if (start) start->bands = key.bands;
-  return start;
+  return interpolate_keys(row_of(key.q.size()), key_of(key.q, key.step), at_step, 0, 1);
 }
 
 TEST(StepTable, IsGeometricAndInvertible) {
@@ -145,7 +144,11 @@ TEST(Interpolate, EndpointsAreTheKeysAtTheLaterStep) {
   const Key a = motion.key(0, 150);
   const Key b = motion.key(1, 147);
   EXPECT_EQ(interpolate_keys(layout, a, b, 3, 3).value(), b);
-  EXPECT_EQ(interpolate_keys(layout, a, b, 0, 3).value(), rescale(a, 147).value());
+  const auto start = interpolate_keys(layout, a, b, 0, 3).value();
+  EXPECT_EQ(start.step, b.step);
+  EXPECT_EQ(start.bands, a.bands);
+  const fixed::Rescale rule(a.step, b.step);
+  for (std::size_t i = 0; i < a.q.size(); ++i) ASSERT_EQ(start.q[i], rule(a.q[i])) << i;
   EXPECT_EQ(interpolate_keys(layout, a, b, 4, 3).error().code, ErrorCode::kInvalidArgument);
   EXPECT_EQ(interpolate_keys(layout, a, b, 0, 0).error().code, ErrorCode::kInvalidArgument);
 }
