@@ -91,7 +91,7 @@ class TheWindow : public ::testing::Test {
 
 TEST_F(TheWindow, WelcomeOpensADemo) {
   EXPECT_EQ(run([&] {
-              // Down the buttons, wherever the fonts put them: the first that is hit is the first demo.
+              // Down the buttons, wherever the fonts put them, until one is hit.
               for (int i = 0; i < 25 * 40 && opened().empty(); ++i) {
                 xdotool("mousemove 200 " + std::to_string(100 + 8 * (i % 25)) + " click 1");
                 std::this_thread::sleep_for(std::chrono::milliseconds(120));
@@ -99,10 +99,11 @@ TEST_F(TheWindow, WelcomeOpensADemo) {
             }),
             kExitGood);
   ASSERT_FALSE(opened().empty());
-  EXPECT_EQ(opened().front(), "file:heart");
+  const std::string demo = opened().front();
+  ASSERT_TRUE(demo.starts_with("file:")) << demo;
   const auto settings = Settings::load(options_.settings);
   ASSERT_TRUE(settings);
-  EXPECT_EQ(settings->recent, (std::vector<std::string>{"heart"})) << "remembered for the next time";
+  EXPECT_EQ(settings->recent, (std::vector<std::string>{demo.substr(5)})) << "remembered for the next time";
 }
 
 TEST_F(TheWindow, OpensDroppedStreamsAndFiles) {

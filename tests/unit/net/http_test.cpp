@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/read.hpp>
@@ -137,6 +138,7 @@ class ScriptedServer {
     return *parse_broker_url("ws://127.0.0.1:" + std::to_string(acceptor_.local_endpoint().port()));
   }
   std::vector<std::string> heads;  ///< Read after the last answer only.
+  std::atomic<int> requests{0};    ///< Whose head has come.
 
  private:
   void serve(const std::vector<std::string>& answers) {
@@ -146,6 +148,7 @@ class ScriptedServer {
       boost::system::error_code error;
       asio::read_until(socket, buffer, "\r\n\r\n", error);
       heads.emplace_back(asio::buffers_begin(buffer.data()), asio::buffers_end(buffer.data()));
+      ++requests;
       asio::write(socket, asio::buffer(answer), error);
       if (answer.empty()) asio::read(socket, buffer, error);  // Silent until the client goes.
     }
@@ -211,7 +214,7 @@ TEST(Http, CancelEndsRunningAndLaterCalls) {
   ScriptedServer server({""});
   HttpConnection http(server.url());
   std::thread other([&] {
-    testing::sleep_for(testing::milliseconds(30));
+    while (server.requests == 0) testing::sleep_for(testing::milliseconds(1));
     http.cancel();
   });
   const auto answer = http.get("/x", 10);
