@@ -19,6 +19,7 @@ class SceneColours final {
  public:
   explicit SceneColours(Decode decode = Decode::kBackground) : decode_(decode) {}
 
+  /// REQUIRES: `sources` are those that the scene advances with.
   void paint(const Scene& scene, std::span<PoseSource* const> sources, const Style& style, Renderer& renderer);
   /// Later surfaces move up.
   void remove(std::size_t surface);

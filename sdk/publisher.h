@@ -19,6 +19,7 @@
 
 namespace eigencast {
 
+/// The default of PublisherOptions::error, over the diagonal of the rest box.
 inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
 
 struct PublisherOptions {
@@ -86,7 +87,8 @@ class Publisher {
   virtual ~Publisher() = default;
 
   /// All or some of the bands of create_for_keys()'s format; the rest as send_coefficients().
-  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key
+  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key; otherwise
+  ///          the key is coded exactly
   virtual SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {}) = 0;
   /// C: r x 3 row-major; V: their velocities, r x 3, per second, or empty; capture_us: when the pose holds, on the
   /// steady clock, growing. kDropped: also for a time outside 0..kMaxTimeUs, and where V is not as announced.

@@ -8,7 +8,7 @@
 
 namespace eigencast::broker {
 
-/// The connection of a sender: /v1/publish/{stream}.
+/// The connection of a sender: /v1/publish/{stream}. Belongs to its event loop.
 class Publisher final : public Connection, public PublisherLink {
  public:
   Publisher(Context& context, Transport transport, GrantPtr grant, std::string stream_name);

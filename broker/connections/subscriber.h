@@ -11,7 +11,8 @@
 
 namespace eigencast::broker {
 
-/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages.
+/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event
+/// loop.
 class Subscriber final : public Watcher, public Connection {
  public:
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);

@@ -69,8 +69,9 @@ class AssetStore final : public StreamTap {
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
 
   bool contains(const Sha256& id) const;
-  // Errors of all below: kNotFound, kIo.
+  /// Errors: kNotFound, kIo.
   Result<Object> read(const Sha256& id) const;
+  /// Errors: kIo.
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
 
   /// Protects the asset that `stream` uses and its objects from eviction. Nothing: the stream is removed.
@@ -80,8 +81,9 @@ class AssetStore final : public StreamTap {
   void on_stalled(const Stream&) override {}
   void on_forgotten(const Stream& stream) override;
 
+  /// Errors: kNotFound, kIo.
   Result<Bytes> bytes_of(const Sha256& id) const;
-  /// The stored objects whose ids occur in object `id`, in order of occurrence.
+  /// The stored objects whose ids occur in object `id`, in order of occurrence. Errors: kNotFound, kIo.
   Result<std::vector<Sha256>> references_of(const Sha256& id) const;
 
   std::uint64_t total_bytes() const { return total_bytes_; }

@@ -24,6 +24,7 @@ inline float panel_width(float scale) {
 }
 
 /// The panel at the left. Changes state and session in place. REQUIRES: called while an Overlay draws.
+/// Not thread-safe.
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
 
 /// For an empty viewer. REQUIRES: as draw_panel.

@@ -117,15 +117,14 @@ struct Asset : AssetFacts {
   bool complete() const { return vertex_count > 0 && rows_ready == vertex_count; }
 };
 
-// Errors of all: kCorrupt, naming the first offender; kTooLarge (over asset_limits.h).
-
-/// Checks n, r, q and F.
+/// Checks n, r, q and F. Errors: kCorrupt, naming the first offender; kTooLarge (over asset_limits.h).
 Result<void> check_counts(const AssetFacts& facts);
-/// check_counts, bands, finite numbers, lengths of texts.
+/// check_counts, bands, finite numbers, lengths of texts. Errors: as check_counts.
 Result<void> check_facts(const AssetFacts& facts);
-/// Checks a finished asset: shapes, ranges, permutation, map[i] < i, death ascending, finite numbers.
+/// Checks a finished asset: shapes, ranges, permutation, map[i] < i, death ascending, finite numbers. Errors: as
+/// check_counts.
 Result<void> validate_asset(const Asset& asset);
-/// Checks a texture against its finished asset.
+/// Checks a texture against its finished asset. Errors: as check_counts.
 Result<void> validate_texture(const AssetTexture& texture, const Asset& asset);
 
 }  // namespace eigencast

@@ -53,6 +53,7 @@ struct WebSocketEvents {
 /// connection is idle, without ever waiting for the socket.
 class WebSocket {
  public:
+  /// Events may come before it returns.
   static std::unique_ptr<WebSocket> start(WebSocketOptions options, WebSocketEvents events, LogSink log = {});
   virtual ~WebSocket() = default;  ///< Stops.
 

@@ -48,7 +48,7 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::vector<Vec3>> poses = {},
                                        const std::atomic<bool>& unwanted = kWanted);
 
-/// Number of faces that exist with N vertices. O(log F).
+/// Number of faces that exist with N vertices. O(log F). REQUIRES: N <= n.
 std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint32_t N);
 
 /// The vertex that represents vertex `a` with N vertices: follows map until it is below N. REQUIRES: base_count <= N.
