@@ -120,7 +120,7 @@ class AddOn(unittest.TestCase):
             handler(self.scene, "depsgraph")
 
     def eventually(self, condition):
-        end = time.monotonic() + 20
+        end = time.monotonic() + 60
         while not condition():
             self.assertLess(time.monotonic(), end, "it did not happen")
             time.sleep(0.01)

@@ -142,7 +142,7 @@ def main():
                                    port_file, "--data-dir", folder / "assets"], env=environment, stdout=subprocess.DEVNULL,
                                   stderr=subprocess.DEVNULL)
         try:
-            end = time.monotonic() + 20
+            end = time.monotonic() + 60
             while not port_file.exists() or not port_file.read_text().endswith("\n"):
                 if time.monotonic() > end or broker.poll() is not None:
                     sys.exit("the broker did not start")

@@ -42,7 +42,7 @@ class Package(unittest.TestCase):
         port = pathlib.Path(cls.folder.name) / "port"
         cls.broker = subprocess.Popen([BROKER, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
                                        pathlib.Path(cls.folder.name) / "assets"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        end = time.monotonic() + 20
+        end = time.monotonic() + 60
         while not port.exists() or not port.read_text().endswith("\n"):
             if time.monotonic() > end:
                 raise RuntimeError("the broker did not start")

@@ -206,7 +206,8 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
       std::this_thread::sleep_for(std::chrono::microseconds(std::min<TimeUs>(200'000, until_us - steady_now_us() + 1)));
       if (!progress || begin_us == 0) continue;
       Progress p = watching ? watching->progress() : Progress{};
-      if (!watching) p.keys = sending->sent();
+      if (sending) p.sent = sending->sent();
+      if (!watching) p.keys = p.sent;
       p.seconds = static_cast<double>(steady_now_us() - begin_us) / 1e6;
       p.of = inputs.duration_s;
       progress(p);

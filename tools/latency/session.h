@@ -105,7 +105,7 @@ inline constexpr std::size_t kMaxStagedPoses = 200'000;
 
 struct Progress {
   double seconds = 0, of = 0;
-  std::uint64_t keys = 0, synthetic = 0;
+  std::uint64_t sent = 0, keys = 0, synthetic = 0, traced = 0;
   std::int64_t p50_us = 0, p99_us = 0;
 };
 using OnProgress = std::function<void(const Progress&)>;

@@ -58,7 +58,12 @@ Watching::Connection Watching::connection() const {
 Progress Watching::progress() const {
   const std::lock_guard lock(mutex_);
   const HdrHistogram& h = outcome_.keys;
-  return {0, 0, outcome_.counts.keys_received, outcome_.counts.synthetic_received, h.percentile(50), h.percentile(99)};
+  const Counts& counts = outcome_.counts;
+  return {.keys = counts.keys_received,
+          .synthetic = counts.synthetic_received,
+          .traced = counts.traced,
+          .p50_us = h.percentile(50),
+          .p99_us = h.percentile(99)};
 }
 
 Result<void> Watching::prepare() {
@@ -164,7 +169,9 @@ void Watching::take_traces() {
           {steady_now_us() - start_us_, trace.broker_clock->offset_us, trace.broker_clock->error_us});
     timeline_.add(trace);
   }
-  for (StagedPose& pose : timeline_.take()) {
+  const std::vector<StagedPose> staged = timeline_.take();
+  const std::lock_guard lock(mutex_);
+  for (const StagedPose& pose : staged) {
     ++outcome_.counts.traced;
     if (outcome_.samples.size() < kMaxStagedPoses) outcome_.samples.push_back(pose);
   }

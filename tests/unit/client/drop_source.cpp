@@ -32,7 +32,7 @@ class DropSource {
     send("XdndEnter", {self, 5L << 24, list, 0, 0});
     send("XdndPosition", {self, 0, 100L << 16 | 100, CurrentTime, static_cast<long>(atom("XdndActionCopy"))});
     bool dropped = false;
-    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(5);
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
     while (std::chrono::steady_clock::now() < until) {
       if (XPending(display_) == 0) {
         std::this_thread::sleep_for(std::chrono::milliseconds(5));

@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
+#include <optional>
+#include <thread>
+
 #include "tests/support/impaired_relay.h"
 #include "tests/support/loopback_broker.h"
 
@@ -14,34 +18,60 @@ using testing::LoopbackBroker;
 
 const std::atomic<bool> never{false};
 
-/// Short runs of a small surface: what is asserted does not depend on how fast the machine is.
+/// Runs of a small surface, which end by counts: what is asserted does not depend on how fast the machine is.
 Inputs quick(const LoopbackBroker& broker) {
   Inputs in;
   in.url = broker.url("test");
   in.source = "torus";
   in.rank = 24;
-  in.duration_s = 0.8;
-  in.warmup_s = 1.2;  // The broker asks the sender for traces within a second.
+  in.duration_s = 60;
+  in.warmup_s = 0;
   return in;
 }
 
-/// The other end, for so long.
-std::thread publishes(const LoopbackBroker& broker, double seconds) {
-  Inputs in = quick(broker);
-  in.mode = "publish";
-  in.duration_s = seconds;
-  in.warmup_s = 0;
-  return std::thread([in] { EXPECT_TRUE(run_session(in, never, {}, {})); });
+/// Runs until `enough` says so, at most for the duration.
+Result<Outcome> run_until(const Inputs& in, const std::function<bool(const Progress&)>& enough) {
+  std::atomic<bool> stop{false};
+  return run_session(in, stop, [&](const Progress& p) { stop = stop || enough(p); }, {});
 }
+
+bool many_traced(const Progress& p) {
+  return p.keys >= 24 && p.traced >= 24;
+}
+
+/// The other end, as long as it lives.
+class Publishing {
+ public:
+  explicit Publishing(const LoopbackBroker& broker) {
+    Inputs in = quick(broker);
+    in.mode = "publish";
+    thread_ = std::thread([this, in] {
+      EXPECT_TRUE(run_until(in, [this](const Progress& p) {
+        sent_ = p.sent;
+        return stopping_.load();
+      }));
+    });
+  }
+  ~Publishing() {
+    stopping_ = true;
+    thread_.join();
+  }
+  std::uint64_t sent() const { return sent_; }
+
+ private:
+  std::atomic<bool> stopping_{false};
+  std::atomic<std::uint64_t> sent_{0};
+  std::thread thread_;
+};
 
 TEST(Session, StagesOfEveryPoseAddUp) {
   LoopbackBroker broker;
-  const auto o = run_session(quick(broker), never, {}, {});
+  const auto o = run_until(quick(broker), many_traced);
   ASSERT_TRUE(o) << o.error().message;
-  EXPECT_GT(o->counts.keys_received, 5u);
+  EXPECT_GE(o->counts.keys_received, 24u);
   EXPECT_EQ(o->keys.count(), o->counts.keys_received);
   EXPECT_EQ(o->keys.negative(), 0u);
-  EXPECT_GT(o->counts.traced, 5u);
+  EXPECT_GE(o->counts.traced, 24u);
   EXPECT_EQ(o->sums_checked, o->counts.traced);
   EXPECT_EQ(o->sums_wrong, 0u);
   EXPECT_EQ(o->worst_unexplained_us, 0) << "one machine, one clock";
@@ -57,7 +87,7 @@ TEST(Session, InterpolationHoldsTwoThirdsOfAnInterval) {
   LoopbackBroker broker;
   Inputs in = quick(broker);
   in.interpolation = 3;
-  const auto o = run_session(in, never, {}, {});
+  const auto o = run_until(in, many_traced);
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_GT(o->counts.synthetic_received, o->counts.keys_received);
   EXPECT_GT(o->synthetic_totals.count(), 5u);
@@ -77,16 +107,16 @@ TEST(Session, LinkDelayIsMeasured) {
   auto relay = ImpairedRelay::start(link);
   ASSERT_TRUE(relay) << relay.error().message;
   Inputs in = quick(broker);
-  const auto without = run_session(in, never, {}, {});
+  const auto without = run_until(in, many_traced);
   in.viewer_url = (*relay)->url("test");
-  const auto with = run_session(in, never, {}, {});
+  const auto with = run_until(in, many_traced);
   ASSERT_TRUE(without && with);
-  ASSERT_GT(without->keys.count(), 5u);
-  ASSERT_GT(with->keys.count(), 5u);
+  ASSERT_GE(without->keys.count(), 24u);
+  ASSERT_GE(with->keys.count(), 24u);
+  // The fastest key of many: the relay adds its two hops and wake-ups, which a loaded machine makes slow for most.
   const auto to_client = [](const Outcome& o) {
-    return o.key_stages[static_cast<std::size_t>(Stage::kToClient)].percentile(50);
+    return o.key_stages[static_cast<std::size_t>(Stage::kToClient)].min();
   };
-  // The relay adds its two hops and wake-ups; a loaded machine makes those milliseconds. It cannot make them less.
   EXPECT_NEAR(static_cast<double>(to_client(*with) - to_client(*without)), 25'000, 5'000);
   EXPECT_GE(with->keys.min(), 25'000);
   EXPECT_EQ(with->sums_wrong, 0u);
@@ -100,7 +130,7 @@ TEST(Session, LightViewersAreCounted) {
   LoopbackBroker broker;
   Inputs in = quick(broker);
   in.clients = 41;
-  const auto o = run_session(in, never, {}, {});
+  const auto o = run_until(in, [](const Progress& p) { return p.keys >= 30; });
   ASSERT_TRUE(o) << o.error().message;
   ASSERT_TRUE(o->load);
   EXPECT_EQ(o->load->viewers, 40u);
@@ -112,14 +142,13 @@ TEST(Session, LightViewersAreCounted) {
 
 TEST(Session, PairMeasuresByClockOffsets) {
   LoopbackBroker broker;
-  std::thread sender = publishes(broker, 4);
+  const Publishing sender(broker);
   Inputs watches = quick(broker);
   watches.mode = "passive";
-  const auto o = run_session(watches, never, {}, {});
-  sender.join();
+  const auto o = run_until(watches, many_traced);
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_FALSE(o->one_clock);
-  EXPECT_GT(o->counts.traced, 5u);
+  EXPECT_GE(o->counts.traced, 24u);
   EXPECT_EQ(o->keys.count() + o->keys.negative(), o->counts.traced);
   EXPECT_EQ(o->sums_wrong, 0u);
   EXPECT_GT(o->total_error_us, 0);
@@ -129,7 +158,7 @@ TEST(Session, PairMeasuresByClockOffsets) {
 /// numbers of the keys.
 TEST(Session, PairCountsLostKeys) {
   LoopbackBroker broker;
-  std::thread sender = publishes(broker, 5);
+  const Publishing sender(broker);
   ImpairedRelay::Options link;
   link.target_port = broker.port();
   auto relay = ImpairedRelay::start(link);
@@ -138,25 +167,25 @@ TEST(Session, PairCountsLostKeys) {
   Inputs watches = quick(broker);
   watches.mode = "passive";
   watches.url = (*relay)->url("test");
-  watches.warmup_s = 0.3;
-  watches.duration_s = 3;
-  std::thread breaks([&] {
-    testing::sleep_for(testing::milliseconds(1300));
-    relay->reset();
-    testing::sleep_for(testing::milliseconds(300));
-    relay = ImpairedRelay::start(link);
-    EXPECT_TRUE(relay) << relay.error().message;
+  std::optional<std::uint64_t> sent_at_break, received_at_repair;
+  const auto o = run_until(watches, [&](const Progress& p) {
+    if (!sent_at_break && p.keys >= 6) {
+      relay->reset();
+      sent_at_break = sender.sent();
+    } else if (sent_at_break && !received_at_repair && sender.sent() >= *sent_at_break + 30) {
+      relay = ImpairedRelay::start(link);
+      EXPECT_TRUE(relay) << relay.error().message;
+      received_at_repair = p.keys;
+    }
+    return received_at_repair && p.keys >= *received_at_repair + 6;
   });
-  const auto o = run_session(watches, never, {}, {});
-  breaks.join();
-  sender.join();
   ASSERT_TRUE(o) << o.error().message;
-  EXPECT_GT(o->counts.keys_received, 5u);
-  EXPECT_GT(o->counts.keys_lost, 5u) << "300 ms are nine keys";
+  EXPECT_GE(o->counts.keys_received, 12u);
+  EXPECT_GT(o->counts.keys_lost, 5u) << "thirty were sent meanwhile";
 }
 
 /// The link breaks for good in the middle of the run.
-TEST(Session, EndsByDeadlineAndCountsLostFrames) {
+TEST(Session, CountsWhatABrokenLinkLoses) {
   LoopbackBroker broker;
   ImpairedRelay::Options link;
   link.target_port = broker.port();
@@ -164,20 +193,32 @@ TEST(Session, EndsByDeadlineAndCountsLostFrames) {
   ASSERT_TRUE(relay) << relay.error().message;
   Inputs in = quick(broker);
   in.viewer_url = (*relay)->url("test");
-  in.warmup_s = 1.5;
-  in.duration_s = 2;
-  const TimeUs start_us = steady_now_us();
-  std::thread breaks([&] {
-    testing::sleep_for(testing::milliseconds(2700));
-    relay->reset();
+  std::optional<std::uint64_t> sent_at_break;
+  const auto o = run_until(in, [&](const Progress& p) {
+    if (!sent_at_break && p.keys >= 6) {
+      relay->reset();
+      sent_at_break = p.sent;
+    }
+    return sent_at_break && p.sent >= *sent_at_break + 20;
   });
-  const auto o = run_session(in, never, {}, {});
-  const TimeUs took_us = steady_now_us() - start_us;
-  breaks.join();
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_GT(o->counts.keys_lost, 5u);
   EXPECT_EQ(o->counts.keys_lost + o->counts.keys_received, o->counts.keys_sent);
-  EXPECT_LT(took_us, 15'000'000) << "a connection that nobody answers must not hold it up";
+}
+
+/// A connection that nobody answers must not hold the run up; one that did would meet the timeout of the test.
+TEST(Session, EndsByItsDeadlineWithoutALink) {
+  LoopbackBroker broker;
+  ImpairedRelay::Options link;
+  link.target_port = broker.port();
+  auto relay = ImpairedRelay::start(link);
+  ASSERT_TRUE(relay) << relay.error().message;
+  Inputs in = quick(broker);
+  in.viewer_url = (*relay)->url("test");
+  in.duration_s = 1;
+  const auto o = run_session(in, never, [&](const Progress&) { relay->reset(); }, {});
+  ASSERT_TRUE(o) << o.error().message;
+  EXPECT_EQ(o->counts.keys_lost + o->counts.keys_received, o->counts.keys_sent);
 }
 
 TEST(Session, PictureIsAStageOfTheTotal) {
@@ -185,7 +226,7 @@ TEST(Session, PictureIsAStageOfTheTotal) {
   Inputs in = quick(broker);
   in.present = "160x120";
   in.rate_hz = 10;  // Slow processors draw it.
-  const auto o = run_session(in, never, {}, {});
+  const auto o = run_until(in, [](const Progress& p) { return p.traced >= 4; });
   if (!o && o.error().code == ErrorCode::kUnsupported) GTEST_SKIP() << "NO PICTURES HERE: " << o.error().message;
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_FALSE(o->device.empty());
