@@ -104,7 +104,7 @@ TEST_F(Fault, GarbageEndsItsConnectionOnly) {
   }
   EXPECT_THAT(broker_->output(), HasSubstr("sender of 'other'")) << scene_.logs();
   EXPECT_TRUE(grows("a")) << scene_.logs();
-  EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
+  EXPECT_EQ(scene_.reconnects("a", *client_), 0u) << scene_.logs();
 }
 
 TEST_F(Fault, OnlyAFloodingSenderIsDisconnected) {
@@ -129,7 +129,7 @@ TEST_F(Fault, OnlyAFloodingSenderIsDisconnected) {
   EXPECT_TRUE(eventually([&] { return metric("eigencast_broker_frames_received_total") > 2000; }, kPatience))
       << scene_.logs();
   EXPECT_TRUE(grows("a")) << scene_.logs();
-  EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
+  EXPECT_EQ(scene_.reconnects("a", *client_), 0u) << scene_.logs();
 }
 
 TEST_F(Fault, ABurstOfQuestionsIsAnswered) {
@@ -189,7 +189,6 @@ TEST_F(Fault, ClockJumpsDisturbNothing) {
     EXPECT_TRUE(eventually([&] { return api("recordings")["recordings"][0]["frames"] > 10; }, kPatience));
     EXPECT_THAT(post("/api/recordings/stop?stream=live/test"), HasSubstr("200")) << scene_.logs();
   }
-  EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
   jump(-100'000'000);
   broker_->signal(SIGHUP);
   const auto year = [](std::int64_t from_now) {
@@ -208,6 +207,7 @@ TEST_F(Fault, ClockJumpsDisturbNothing) {
     ASSERT_TRUE(played) << played.error().message;
     EXPECT_LT(played->info().duration_us, 200'000'000) << "recordings count in the steady clock";
   }
+  EXPECT_EQ(scene_.reconnects("a", *client_), 0u) << scene_.logs();
 }
 
 std::string hash_of(const std::string& object) {

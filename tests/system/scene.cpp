@@ -2,8 +2,10 @@
 #include "tests/system/scene.h"
 #include "tests/support/paths.h"
 
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <stdexcept>
 
@@ -80,6 +82,14 @@ std::vector<RecordedPose> Scene::received(const std::string& name) const {
 SentFrames Scene::sent() const {
   auto frames = read_sent_frames(whole_lines(file("sent.jsonl")));
   return frames ? std::move(*frames) : SentFrames{};
+}
+
+std::optional<std::uint64_t> Scene::reconnects(const std::string& name, Process& client) const {
+  client.signal(SIGTERM);
+  if (client.wait(kPatience) != 0) return std::nullopt;
+  const auto report = nlohmann::json::parse(text_of(file(name + ".json")), nullptr, false);
+  if (!report.is_object() || !report.contains("reconnects")) return std::nullopt;
+  return report["reconnects"].get<std::uint64_t>();
 }
 
 std::string Scene::logs() const {

@@ -3,12 +3,13 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "tools/compare/compare.h"
 #include "tests/support/process.h"
+#include "tools/compare/compare.h"
 
 namespace eigencast::testing {
 
@@ -50,6 +51,8 @@ class Scene {
   /// What client NAME received so far; a half-written last line is left out.
   std::vector<RecordedPose> received(const std::string& name) const;
   SentFrames sent() const;
+  /// How often client NAME reconnected, by the report that it writes at its end; stops it if it runs.
+  std::optional<std::uint64_t> reconnects(const std::string& name, Process& client) const;
   /// All logs, for the message of a failed test.
   std::string logs() const;
 
