@@ -13,6 +13,8 @@
 #include "broker/sockets/transport.h"
 #include "broker/sockets/turn.h"
 #include "broker/websocket/reader.h"
+#include "common/core/bytes.h"
+#include "common/core/clock.h"
 
 namespace eigencast::broker {
 

@@ -5,6 +5,8 @@
 
 #include "broker/connections/connection.h"
 #include "broker/relay/stream.h"
+#include "common/core/result.h"
+#include "common/wire/control.h"
 
 namespace eigencast::broker {
 
