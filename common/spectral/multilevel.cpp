@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/core/worker_team.h"
+#include "common/spectral/eigenbasis.h"
 #include "common/spectral/shift_invert.h"
 #include "common/spectral/symmetric_form.h"
 

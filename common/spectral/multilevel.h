@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "common/spectral/eigenbasis.h"
+#include "common/core/result.h"
+#include "common/spectral/eigenpairs.h"
+#include "common/spectral/laplacian.h"
 
 namespace eigencast {
 

@@ -6,7 +6,9 @@
 #include <numbers>
 #include <string>
 
-#include "common/spectral/eigenbasis.h"
+#include "common/core/result.h"
+#include "common/spectral/eigenpairs.h"
+#include "common/spectral/laplacian.h"
 #include "common/spectral/panels.h"
 
 namespace eigencast {
