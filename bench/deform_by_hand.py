@@ -22,7 +22,7 @@ import time
 STAGES = ("input_to_coefficients_us", "input_to_sent_us", "input_to_pose_us", "input_to_drawn_us")
 WATCHED = ("schedule", "transform", "encode", "to_broker", "in_broker", "to_client", "decode", "hand_over", "reconstruct", "total")
 # A pose that nobody's hand made, sent now and then while nothing moves, is of the moment at which it leaves.
-LEAST_BY_HAND_US = 5
+MIN_BY_HAND_US = 5
 WIDTH, HEIGHT = 640, 480
 
 
@@ -83,7 +83,7 @@ def run(build, model, rank, drags, more):
             hand("key", "q")
             sender.wait(30)
             with open(samples) as file:
-                watched = [pose for pose in csv.DictReader(file) if int(pose["schedule_us"]) > LEAST_BY_HAND_US]
+                watched = [pose for pose in csv.DictReader(file) if int(pose["schedule_us"]) > MIN_BY_HAND_US]
             return json.loads(report.read_text()), watched
         finally:
             for process in reversed(processes):

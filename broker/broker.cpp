@@ -258,7 +258,8 @@ std::uint64_t Broker::websockets() const {
 
 void Broker::drain() {
   context().draining = true;
-  log(context().log, LogLevel::kInfo, "stopping: " + std::to_string(websockets()) + " connections are told");
+  log(context().log, LogLevel::kInfo,
+      "stopping: " + std::to_string(websockets()) + " connections are asked to reconnect");
   service_manager::notify("STOPPING=1");
   data_listener_.close();
   if (member_) member_->stop();

@@ -200,7 +200,7 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
        {},
        false,
        "EIGENCAST_URL"},
-      {"--scene", &raw.scene, "a JSON file that says which streams stand where (client/README.md)"},
+      {"--scene", &raw.scene, "a JSON file that says which streams are where (client/README.md)"},
       {"--context",
        &raw.context,
        "broker by name, see eigencast-sender context (default: the current one)",
@@ -214,7 +214,7 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
       {"--size", &raw.size, "width x height in pixels", {}, true},
       {"--lod", &options.view_options.lod, "level of detail: fraction of the vertices, 0..1", Range{0, 1}},
       {"--resolver", &raw.resolver,
-       "who chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, none "
+       "what chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, none "
        "(default headless)",
        Choices{"budget", "paper", "none"}},
       {"--target-fps", &options.levels.target_fps,
@@ -231,7 +231,7 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
        "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)",
        Choices{"catmull-rom", "damped", "hermite", "linear"}},
       {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
-      {"--form", &raw.form, "who interpolates: the broker (full) or this program (compact)",
+      {"--form", &raw.form, "what interpolates: the broker (full) or this program (compact)",
        Choices{"full", "compact"}},
       {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
       {"--playout", &raw.playout, "poses between arrivals: the latest one, or made by this program",

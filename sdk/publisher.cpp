@@ -9,8 +9,8 @@
 #include "common/net/clock_offset.h"
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
+#include "sdk/asset_uploader.h"
 #include "sdk/broker.h"
-#include "sdk/introducer.h"
 #include "sdk/key_writer.h"
 #include "sdk/pose_projection.h"
 #include "sdk/send_policy.h"
@@ -62,17 +62,17 @@ class BrokerPublisher final : public Publisher {
     events.on_open = [this] { on_open(); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
-    Introducer::Events introduction;
-    introduction.on_progress = [this](std::uint64_t sent, std::uint64_t total) { on_progress(sent, total); };
-    introduction.on_done = [this](const Result<void>& done) { return on_introduced(done); };
-    introduction.on_exception = [this](const std::string& what) { introduction_failed(what); };
+    AssetUploader::Events upload;
+    upload.on_progress = [this](std::uint64_t sent, std::uint64_t total) { on_progress(sent, total); };
+    upload.on_done = [this](const Result<void>& done) { return on_uploaded(done); };
+    upload.on_exception = [this](const std::string& what) { upload_failed(what); };
     const std::lock_guard lock(mutex_);
-    introducer_ = std::make_unique<Introducer>(url_, encoded_, std::move(introduction));
+    asset_uploader_ = std::make_unique<AssetUploader>(url_, encoded_, std::move(upload));
     socket_ = WebSocket::start(std::move(socket), std::move(events), log_);
   }
 
   ~BrokerPublisher() override {
-    if (introducer_) introducer_->stop();
+    if (asset_uploader_) asset_uploader_->stop();
     if (socket_) socket_->stop();
   }
 
@@ -106,7 +106,7 @@ class BrokerPublisher final : public Publisher {
   }
 
  private:
-  enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
+  enum class Phase { kDown, kUpload, kAnnounced, kLive };
 
   /// When the work on a pose began, and when its coefficients were there; 0: they were given.
   struct Work {
@@ -230,10 +230,10 @@ class BrokerPublisher final : public Publisher {
     clock_.reset();  // It may be another broker.
     if (ever_open_) ++stats_.reconnects;
     ever_open_ = true;
-    phase_ = Phase::kIntroduce;
+    phase_ = Phase::kUpload;
     stats_.state = State::kUploading;
     stats_.detail = "connected to " + url_.origin();
-    introducer_->begin(milliseconds(0));
+    asset_uploader_->begin(milliseconds(0));
   }
 
   void on_down(const Error& why, milliseconds wait) {
@@ -244,7 +244,7 @@ class BrokerPublisher final : public Publisher {
     stats_.gave_up = wait.count() == 0;
     stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
     stats_.detail = why.message + try_again_in(wait);
-    introducer_->cancel();
+    asset_uploader_->cancel();
     lock.unlock();
     log(log_, LogLevel::kWarning, why.message + try_again_in(wait));
   }
@@ -295,9 +295,9 @@ class BrokerPublisher final : public Publisher {
     stats_.detail = text;
     if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
       writer_.restart();
-      phase_ = Phase::kIntroduce;
+      phase_ = Phase::kUpload;
       stats_.state = lacks_asset ? State::kUploading : State::kRefused;
-      introducer_->begin(lacks_asset ? kUploadRetry : kRefusedRetry);
+      asset_uploader_->begin(lacks_asset ? kUploadRetry : kRefusedRetry);
     }
     lock.unlock();
     log(log_, LogLevel::kError, text);
@@ -312,7 +312,7 @@ class BrokerPublisher final : public Publisher {
     log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason);
   }
 
-  // On the introducer's thread, whenever a connection is new.
+  // On the uploader's thread, whenever a connection is new.
 
   void on_progress(std::uint64_t sent, std::uint64_t total) {
     const std::lock_guard lock(mutex_);
@@ -320,9 +320,9 @@ class BrokerPublisher final : public Publisher {
         formatted("uploading %.1f of %.1f MB", static_cast<double>(sent) / 1e6, static_cast<double>(total) / 1e6);
   }
 
-  std::optional<milliseconds> on_introduced(const Result<void>& done) {
+  std::optional<milliseconds> on_uploaded(const Result<void>& done) {
     const std::lock_guard lock(mutex_);
-    if (phase_ != Phase::kIntroduce) return std::nullopt;
+    if (phase_ != Phase::kUpload) return std::nullopt;
     if (!done) {
       const bool refused = done.error().code == ErrorCode::kRefused;
       const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
@@ -343,11 +343,11 @@ class BrokerPublisher final : public Publisher {
     return std::nullopt;
   }
 
-  void introduction_failed(const std::string& what) {
+  void upload_failed(const std::string& what) {
     std::unique_lock lock(mutex_);
-    if (phase_ == Phase::kAnnounced) phase_ = Phase::kIntroduce;
+    if (phase_ == Phase::kAnnounced) phase_ = Phase::kUpload;
     stats_.detail = what + try_again_in(kUploadRetry);
-    if (phase_ == Phase::kIntroduce) introducer_->begin(kUploadRetry);
+    if (phase_ == Phase::kUpload) asset_uploader_->begin(kUploadRetry);
     lock.unlock();
     log(log_, LogLevel::kError, what);
   }
@@ -363,8 +363,8 @@ class BrokerPublisher final : public Publisher {
 
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_):
-  std::unique_ptr<WebSocket> socket_;       ///< Set once by start().
-  std::unique_ptr<Introducer> introducer_;  ///< Likewise.
+  std::unique_ptr<WebSocket> socket_;              ///< Set once by start().
+  std::unique_ptr<AssetUploader> asset_uploader_;  ///< Likewise.
   Phase phase_ = Phase::kDown;
   bool ever_open_ = false;
   KeyWriter writer_;

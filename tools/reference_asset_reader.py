@@ -348,7 +348,7 @@ def read_asset(manifest_bytes, chunk_bytes):
         add_structure(m, asset, chunk, tile_bytes(chunk, data, 0))
         for band in range(len(m["band_ends"])):
             add_basis(m, asset, chunk, band, tile_bytes(chunk, data, 1 + band))
-    need(sorted(asset["source_vertex"]) == list(range(m["n"])), "source vertices are no permutation")
+    need(sorted(asset["source_vertex"]) == list(range(m["n"])), "source vertices are not a permutation")
     columns = asset.pop("columns")
     for k in range(m["E"], m["r"]):
         columns[k] = [as_f32(v * m["column_scales"][k - m["E"]]) for v in columns[k]]

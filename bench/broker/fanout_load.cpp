@@ -172,10 +172,10 @@ class Connection {
   }
   void wait_ready(const Role& role) {
     auto wanted = role.ready.begin();
-    const auto look = [&](std::string_view message) {
+    const auto check = [&](std::string_view message) {
       if (wanted != role.ready.end() && message.find(*wanted) != std::string_view::npos) ++wanted;
     };
-    for (take_messages(look); wanted != role.ready.end(); take_messages(look)) read_blocking();
+    for (take_messages(check); wanted != role.ready.end(); take_messages(check)) read_blocking();
     ::fcntl(fd_, F_SETFL, ::fcntl(fd_, F_GETFL) | O_NONBLOCK);
   }
 

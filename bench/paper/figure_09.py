@@ -100,7 +100,7 @@ def draw(options, rows):
     figure, axes = plt.subplots(figsize=(9, 5))
     for shift, column, label in [(-0.27, 4, "Eq. 8 as printed"), (0, 5, "Eq. 8, times 3 for x, y, z"),
                                  (0.27, 6, "counted by the clients, headers and all")]:
-        axes.bar([place + shift for place in range(len(rows))], [row[column] / 1000 for row in rows], 0.26, label=label)
+        axes.bar([i + shift for i in range(len(rows))], [row[column] / 1000 for row in rows], 0.26, label=label)
     axes.set_xticks(range(len(rows)), [f"{row[0]} x {row[1]} x {row[2]}/s" for row in rows], rotation=30, ha="right")
     axes.set_ylabel("Mbit/s out of the broker")
     axes.set_xlabel("clients x objects x poses")

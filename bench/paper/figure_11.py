@@ -78,13 +78,13 @@ def draw(options, rows):
     for axis_shift, viewer in ((-0.2, "local"), (0.2, "picture")):
         own = [row for row in rows if row["viewer"] == viewer]
         bottom = [0.0] * len(own)
-        places = [i + axis_shift for i in range(len(own))]
+        positions = [i + axis_shift for i in range(len(own))]
         for number, (part, members) in enumerate(PARTS.items()):
             heights = [sum(r[f"{m}_p50_ms"] or 0 for m in members) for r in own]
-            right.bar(places, heights, 0.36, bottom=bottom, color=f"C{number}", label=part if viewer == "picture" else None)
+            right.bar(positions, heights, 0.36, bottom=bottom, color=f"C{number}", label=part if viewer == "picture" else None)
             bottom = [b + h for b, h in zip(bottom, heights)]
-        for place, height in zip(places, bottom):
-            right.text(place, height, f"{height:.2g}", ha="center", va="bottom", fontsize=7)
+        for x, height in zip(positions, bottom):
+            right.text(x, height, f"{height:.2g}", ha="center", va="bottom", fontsize=7)
         right.set_xticks(range(len(own)), [f"{r['vertices']:.0f}" for r in own])
     right.set_yscale("symlog", linthresh=1)
     right.set_ylim(0, 1000)

@@ -127,8 +127,8 @@ class Flight {
       const TimeUs began_us = now_us_, start = steady_now_us();
       take_poses(scene_, list_);
       path_.apply(static_cast<double>(now_us_) / 1e6, camera_);
-      const bool look = settings_.changes_every > 0 && frame > 0 && frame % settings_.changes_every == 0;
-      const Picture as_before = look ? with_levels_as_before(renderer) : Picture{};
+      const bool changes = settings_.changes_every > 0 && frame > 0 && frame % settings_.changes_every == 0;
+      const Picture as_before = changes ? with_levels_as_before(renderer) : Picture{};
       levels_.choose(scene_, list_, camera_, last);
       scene_.advance(list_, now_us_);
       draw(renderer, scene_);
@@ -144,7 +144,7 @@ class Flight {
       std::printf("%.6f,%.3f,%.5f,%.5f,", static_cast<double>(began_us) / 1e6, static_cast<double>(work) / 1e3,
                   levels_.state(), std::accumulate(lod.begin(), lod.end(), 0.0) / static_cast<double>(lod.size()));
       if (compare) std::printf("%.6f", similar);
-      if (look) {
+      if (changes) {
         const Difference levels = difference(as_before, shown), motion = difference(last_shown_, as_before);
         std::printf(",%.5f,%.5f,%.5f,%.5f", levels.mean, levels.part, motion.mean, motion.part);
       } else {
@@ -164,9 +164,9 @@ class Flight {
     const int columns = (settings.count + 1) / 2;
     for (int i = 0; i < settings.count; ++i) {
       const float column = static_cast<float>(i % columns) - 0.5F * static_cast<float>(columns - 1);
-      const glm::vec3 place(1.1F * column, 0, i < columns ? -0.45F : 0.45F);
+      const glm::vec3 centre(1.1F * column, 0, i < columns ? -0.45F : 0.45F);
       all.push_back(
-          {static_cast<std::size_t>(i), "", glm::scale(glm::translate(glm::mat4(1), place), glm::vec3(scale))});
+          {static_cast<std::size_t>(i), "", glm::scale(glm::translate(glm::mat4(1), centre), glm::vec3(scale))});
     }
     return all;
   }
@@ -290,13 +290,13 @@ int main(int argc, char** argv) {
   app.add_option("--compare-every", settings.compare_every, "pictures; 0: none")->capture_default_str();
   app.add_option(
          "--changes-every", settings.changes_every,
-         "pictures, of which it is told what levels alone have changed since the one before, and what motion has; "
+         "pictures, for which it prints what levels alone have changed since the one before, and what motion has; "
          "with --model: it takes time (0: none)")
       ->capture_default_str();
   app.add_option("--cache", settings.cache, "folder of baked assets");
   CLI11_PARSE(app, argc, argv);
   if (settings.changes_every > 0 && !settings.model) {
-    std::fprintf(stderr, "--changes-every takes time from the pictures that it looks at: give --model as well\n");
+    std::fprintf(stderr, "--changes-every takes time from the pictures that it compares: give --model as well\n");
     return 2;
   }
   if (const auto done = eigencast::run(settings); !done) {

@@ -54,10 +54,10 @@ TimeUs RateLimiter::wait_us(double amount, double per_s, double burst, TimeUs no
   return per_s <= 0 ? 0 : wait_from(paid_until_us_, amount, per_s, burst, now_us);
 }
 
-bool UseCount::take(std::int64_t most) {
+bool UseCount::take(std::int64_t max) {
   std::int64_t count = count_;
   do {
-    if (count >= most) return false;
+    if (count >= max) return false;
   } while (!count_.compare_exchange_weak(count, count + 1));
   return true;
 }
@@ -72,13 +72,13 @@ std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) 
   const std::lock_guard lock(mutex_);
   const auto found = accounts_.find(key);
   if (found != accounts_.end()) return found->second;
-  if (accounts_.size() >= most_ && now_us - swept_us_ >= kSweepEveryUs) {
+  if (accounts_.size() >= max_ && now_us - swept_us_ >= kSweepEveryUs) {
     // A sweep visits all accounts: at most once per period.
     swept_us_ = now_us;
     std::erase_if(accounts_,
                   [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->is_idle(now_us); });
   }
-  if (accounts_.size() >= most_) return overflow_;
+  if (accounts_.size() >= max_) return overflow_;
   return accounts_.emplace(key, std::make_shared<Account>()).first->second;
 }
 
@@ -140,20 +140,20 @@ bool Grant::is_void() {
   return false;
 }
 
-Error Grant::over(const Holder& holder, const char* limit, std::int64_t most) const {
+Error Grant::over(const Holder& holder, const char* limit, std::int64_t max) const {
   return fail(ErrorCode::kRefused,
               (holder.is_token ? identity_.name : "address " + identity_.client.address.limit_key()) +
                   " has reached a limit of this broker: " + (holder.is_token ? "per_token." : "per_address.") + limit +
-                  " = " + std::to_string(most));
+                  " = " + std::to_string(max));
 }
 
 Result<void> Grant::take(Resource resource) {
   const auto index = static_cast<std::size_t>(resource);
   for (std::size_t i = 0; i < holders_.size(); ++i) {
-    const std::int64_t most = policy_->quota(holders_[i].is_token).resources[index];
-    if (holders_[i].account->resources[index].take(most)) continue;
+    const std::int64_t max = policy_->quota(holders_[i].is_token).resources[index];
+    if (holders_[i].account->resources[index].take(max)) continue;
     if (i > 0) holders_[0].account->resources[index].give_back();
-    return over(holders_[i], kResourceNames[index], most);
+    return over(holders_[i], kResourceNames[index], max);
   }
   ++taken_[index];
   return {};
@@ -181,11 +181,11 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
 
 Result<void> Grant::take_rate(const Rate& rate, std::uint64_t amount, TimeUs now_us) {
   for (const Holder& holder : holders_) {
-    const std::int64_t most = policy_->quota(holder.is_token).*rate.most;
-    const auto burst = static_cast<double>(most);
+    const std::int64_t max = policy_->quota(holder.is_token).*rate.max;
+    const auto burst = static_cast<double>(max);
     RateLimiter& limiter = (*holder.account).*rate.limiter;
     if (!limiter.take(static_cast<double>(amount), burst / rate.period_s, burst, now_us)) {
-      return over(holder, rate.setting, most);
+      return over(holder, rate.setting, max);
     }
   }
   return {};
@@ -193,12 +193,12 @@ Result<void> Grant::take_rate(const Rate& rate, std::uint64_t amount, TimeUs now
 
 std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {
   const auto rules = policy();
-  const auto most = static_cast<double>(rules->failures_per_minute());
+  const auto max = static_cast<double>(rules->failures_per_minute());
   // Requests without a token are not throttled: they guess none.
   const bool with_token = !request.authorization.empty() || !request.query_token.empty();
   const std::string address = rules->client_address(request).address.limit_key();
   const auto account = with_token ? addresses_.account(address, now_us) : nullptr;
-  const TimeUs wait_us = account ? account->failures.wait_us(1, most / 60, most, now_us) : 0;
+  const TimeUs wait_us = account ? account->failures.wait_us(1, max / 60, max, now_us) : 0;
   if (wait_us > 0) {
     ++denied_;
     return Denial{429, "too many failed tries to log in from this address: wait before the next",
@@ -207,7 +207,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
   auto found = rules->identify(request, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&found)) {
     ++denied_;
-    if (account && denied->failed_login) (void)account->failures.take(1, most / 60, most, now_us);
+    if (account && denied->failed_login) (void)account->failures.take(1, max / 60, max, now_us);
     return std::move(*denied);
   }
   return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), rules, now_us));

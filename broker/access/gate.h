@@ -33,7 +33,7 @@ class RateLimiter {
 /// Counts objects in use. Thread-safe, without a lock.
 class UseCount {
  public:
-  bool take(std::int64_t most);
+  bool take(std::int64_t max);
   void give_back() { --count_; }
   bool is_idle() const { return count_ == 0; }
 
@@ -55,12 +55,12 @@ struct Account {
 /// stricter for them. Thread-safe: the lock covers lookup, not use.
 class Ledger {
  public:
-  explicit Ledger(std::size_t most = 65'536) : most_(most) {}
+  explicit Ledger(std::size_t max = 65'536) : max_(max) {}
 
   std::shared_ptr<Account> account(const std::string& key, TimeUs now_us);
 
  private:
-  std::size_t most_;
+  std::size_t max_;
   std::mutex mutex_;
   std::map<std::string, std::shared_ptr<Account>> accounts_;  ///< GUARDED_BY(mutex_)
   std::shared_ptr<Account> overflow_ = std::make_shared<Account>();
@@ -105,11 +105,11 @@ class Grant {
   struct Rate {
     const char* setting;
     RateLimiter Account::*limiter;
-    std::int64_t Quota::*most;  ///< In a period, and at once.
+    std::int64_t Quota::*max;  ///< In a period, and at once.
     double period_s;
   };
   Result<void> take_rate(const Rate& rate, std::uint64_t amount, TimeUs now_us);
-  Error over(const Holder& holder, const char* limit, std::int64_t most) const;
+  Error over(const Holder& holder, const char* limit, std::int64_t max) const;
 
   Gate& gate_;
   Identity identity_;

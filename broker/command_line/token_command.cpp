@@ -157,13 +157,13 @@ CLI::App* add_commands(CLI::App& app, Arguments& arguments) {
   app.require_subcommand(1);
   CLI::App* make = app.add_subcommand("create", "Make a token, signed (JWT) or fixed");
   add_options(*make, arguments, true);
-  make->add_option("--subject", arguments.subject, "Whom it is for, as it stands in logs");
+  make->add_option("--subject", arguments.subject, "Whom it is for, as logs name it");
   make->add_option("--key", arguments.key, "\"KEY-ID ALGORITHM FILE\" to sign with (default: the configured one)");
   make->add_option("--valid", arguments.valid, "For how long: 90s, 15m, 12h, 30d (default: 30d)");
   make->add_flag("--static", arguments.is_static, "A fixed token, and its line for access.tokens_file");
-  CLI::App* look = app.add_subcommand("inspect", "Say what a token grants, or why it would be refused");
-  add_options(*look, arguments, false);
-  look->add_option("token", arguments.token, "The token, or - to read it from standard input")->required();
+  CLI::App* inspect = app.add_subcommand("inspect", "Say what a token grants, or why it would be refused");
+  add_options(*inspect, arguments, false);
+  inspect->add_option("token", arguments.token, "The token, or - to read it from standard input")->required();
   return make;
 }
 

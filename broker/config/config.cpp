@@ -179,13 +179,15 @@ Result<void> set_config(Config& config, const Setting& setting, SettingValue val
     return setting_error(setting, kMust[field.index()]);
   }
   if (auto good = check_value(setting, value); !good) return good;
-  std::visit([&](auto* place) { *place = std::get<std::remove_pointer_t<decltype(place)>>(std::move(value)); }, field);
+  std::visit([&](auto* target) { *target = std::get<std::remove_pointer_t<decltype(target)>>(std::move(value)); },
+             field);
   return {};
 }
 
 SettingValue value_of(const Config& config, const Setting& setting) {
   // The table's accessors return mutable pointers; this one is only read.
-  return std::visit([](const auto* place) { return SettingValue(*place); }, setting.field(const_cast<Config&>(config)));
+  return std::visit([](const auto* target) { return SettingValue(*target); },
+                    setting.field(const_cast<Config&>(config)));
 }
 
 std::string toml_of(const SettingValue& value) {

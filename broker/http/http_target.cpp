@@ -54,7 +54,7 @@ Result<void> take_query(std::string_view query, Target& target) {
       continue;
     }
     if (!target.token.empty() || parameter.size() == kToken.size()) {
-      return fail(ErrorCode::kInvalidArgument, "access_token must stand once in the query, with a token");
+      return fail(ErrorCode::kInvalidArgument, "access_token must appear once in the query, with a token");
     }
     target.token = parameter.substr(kToken.size());
   }

@@ -232,7 +232,7 @@ class AdminSession final : public HttpConnection {
 
   void route_order() {
     if (path_ == "/api/drain") {
-      log(context().log, LogLevel::kInfo, "told through the admin port to drain");
+      log(context().log, LogLevel::kInfo, "draining, as the admin port asked");
       context().drain();
       return answer_result({});
     }

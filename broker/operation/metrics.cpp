@@ -92,7 +92,7 @@ class BrokerMetrics {
     gauge("draining", "1 while the broker stops.", context_.draining);
     gauge("connections", "Open connections of the data port.", statistics_.connections_total());
     auto& of_loops = family("eigencast_broker_thread_connections", MetricType::Gauge,
-                            "Those of each event loop; the first, 0, has all that are no viewers.");
+                            "Those of each event loop; the first, 0, has all that are not viewers.");
     for (std::size_t i = 0; i < statistics_.connections.size(); ++i) {
       add(of_loops, static_cast<double>(statistics_.connections[i]), {{"thread", std::to_string(i)}});
     }
@@ -183,7 +183,7 @@ class BrokerMetrics {
     gauge("backbone_brokers", "Brokers heard of, this one included.", totals.brokers);
     gauge("backbone_streams_known", "Streams that have a sender at any of the brokers.", totals.streams_known);
     gauge("backbone_streams_followed", "Streams of other brokers that viewers watch here.", totals.streams_followed);
-    counter("backbone_frames_published_total", "Keys of senders here, told to other brokers.", totals.frames_published);
+    counter("backbone_frames_published_total", "Keys of senders here, sent to other brokers.", totals.frames_published);
     counter("backbone_frames_followed_total", "Keys of senders at other brokers.", totals.frames_followed);
     counter("backbone_frames_dropped_total", "Messages of other brokers that were of no use.", totals.frames_dropped);
     counter("backbone_joins_asked_total", "Joins asked of other brokers: beginnings and gaps.", totals.joins_asked);
@@ -215,10 +215,10 @@ class BrokerMetrics {
       descriptors -= 3;  // ".", ".." and the folder itself.
     }
     add(family("process_open_fds", MetricType::Gauge, "File descriptors in use."), descriptors);
-    rlimit most{};
-    getrlimit(RLIMIT_NOFILE, &most);
+    rlimit limit{};
+    getrlimit(RLIMIT_NOFILE, &limit);
     add(family("process_max_fds", MetricType::Gauge, "File descriptors that may be in use."),
-        static_cast<double>(most.rlim_cur));
+        static_cast<double>(limit.rlim_cur));
     gauge("uptime_seconds", "Since the broker started.",
           static_cast<double>(steady_now_us() - context_.started_us) * 1e-6);
   }

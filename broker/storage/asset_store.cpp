@@ -271,13 +271,13 @@ Result<void> AssetStore::Upload::write(ByteView data) {
                                           " bytes, the most that assets.max_object_bytes allows");
   }
   size_ += data.size();
-  const std::uint64_t most = store_.settings_.max_total_bytes;
-  if ((store_.total_bytes_ += data.size()) > most) store_.make_room();
-  if (store_.total_bytes_ > most) {
+  const std::uint64_t max = store_.settings_.max_total_bytes;
+  if ((store_.total_bytes_ += data.size()) > max) store_.make_room();
+  if (store_.total_bytes_ > max) {
     return fail(ErrorCode::kIo,
                 "the asset store is full of what streams use or used a moment ago: "
                 "assets.max_total_bytes is " +
-                    std::to_string(most));
+                    std::to_string(max));
   }
   hash_.update(data);
   while (!data.empty()) {

@@ -21,11 +21,11 @@ void append_header_to(Opcode opcode, std::size_t size, auto& out) {
   for (int shift = 8 * (bytes - 1); shift >= 0; shift -= 8) append(size >> shift);
 }
 
-/// The first `most` bytes of `text` at most, without a partial character.
-std::string_view cut(std::string_view text, std::size_t most) {
-  if (text.size() <= most) return text;
-  while (most > 0 && (static_cast<unsigned char>(text[most]) & 0xc0) == 0x80) --most;
-  return text.substr(0, most);
+/// The first `max` bytes of `text` at most, without a partial character.
+std::string_view cut(std::string_view text, std::size_t max) {
+  if (text.size() <= max) return text;
+  while (max > 0 && (static_cast<unsigned char>(text[max]) & 0xc0) == 0x80) --max;
+  return text.substr(0, max);
 }
 
 constexpr std::size_t kKeyLetters = 24;  // 16 bytes; the last two letters are padding.

@@ -15,7 +15,7 @@ template <typename Body, typename Failed>
 void guarded_run(Body&& body, Failed&& failed) {
   constexpr std::chrono::milliseconds kPause{10};
   constexpr int kTries = 10;
-  const auto tell = [&](const char* what) {
+  const auto report = [&](const char* what) {
     for (int i = 0; i < kTries; ++i) {
       try {
         return failed("internal error: " + std::string(what));
@@ -28,9 +28,9 @@ void guarded_run(Body&& body, Failed&& failed) {
     try {
       return body();
     } catch (const std::exception& error) {
-      tell(error.what());
+      report(error.what());
     } catch (...) {
-      tell("an exception of unknown type");
+      report("an exception of unknown type");
     }
     std::this_thread::sleep_for(kPause);
   }

@@ -239,7 +239,7 @@ Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chron
   const std::string_view said(reinterpret_cast<const char*>(answer->body.data()), answer->body.size());
   WebSocketFailure failure =
       failure_of_answer(static_cast<unsigned>(answer->status), said, url.origin(), !url.credentials.token.empty());
-  if (failure.least_wait < kHopelessRetry) failure.error.code = ErrorCode::kUnreachable;
+  if (failure.min_wait < kHopelessRetry) failure.error.code = ErrorCode::kUnreachable;
   return failure.error;
 }
 

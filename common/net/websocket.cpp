@@ -373,7 +373,7 @@ class Connection final : public WebSocket {
     milliseconds wait = retry_delay(longest ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
     // Clients that the broker sent away must not all come back at one moment either.
     if (failure.for_good) return report_down(failure.error, milliseconds(0));
-    if (failure.least_wait > wait) wait = retry_delay(1, failure.least_wait, failure.least_wait, unit);
+    if (failure.min_wait > wait) wait = retry_delay(1, failure.min_wait, failure.min_wait, unit);
     if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
     connect_after(wait);  // First: the handler may throw.
     report_down(failure.error, wait);

@@ -17,9 +17,9 @@ using std::chrono::milliseconds;
 /// Another sender was given the stream (docs/protocol.md, section 10).
 constexpr std::uint16_t kReplaced = 4409;
 
-std::string printable(std::string_view text, std::size_t most) {
+std::string printable(std::string_view text, std::size_t max) {
   std::string out;
-  for (const char c : text.substr(0, most)) out += (c < ' ' || c == 127) ? ' ' : c;
+  for (const char c : text.substr(0, max)) out += (c < ' ' || c == 127) ? ' ' : c;
   return out;
 }
 
@@ -75,7 +75,7 @@ WebSocketFailure failure_of_upgrade(const error_code& ec, const ws::response_typ
         fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message() + ClientStream::advice_on(ec))};
   }
   WebSocketFailure failure = failure_of_answer(response.result_int(), response.body(), where, has_token);
-  failure.least_wait = std::max(failure.least_wait, failure.refused ? retry_after_of(response) : milliseconds(0));
+  failure.min_wait = std::max(failure.min_wait, failure.refused ? retry_after_of(response) : milliseconds(0));
   return failure;
 }
 

@@ -20,7 +20,7 @@ struct WebSocketFailure {
   Error error;
   bool refused = false;
   /// Not before somebody gets a new token or certificate, or not before so long.
-  std::chrono::milliseconds least_wait{0};
+  std::chrono::milliseconds min_wait{0};
   bool for_good = false;  ///< Trying again would take away what somebody else was given.
 };
 

@@ -15,7 +15,7 @@ namespace eigencast {
 /// reconstruction from unorganized points"); over an edge a normal is mirrored in the plane that halves the edge, which
 /// is right for the two sides of a thin sheet, too. No edge joins what is seen from outside with what is seen to be its
 /// other side. Each piece is turned to the side from which it is seen; where that is unclear, normals at its outermost
-/// corners point outwards.
+/// points are turned outwards.
 /// REQUIRES: positions finite. Coincident points have the same normal. O(n log n).
 std::vector<Vec3> oriented_normals(std::span<const Vec3> positions);
 

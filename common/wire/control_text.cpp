@@ -100,8 +100,8 @@ class Fields {
     for (const std::string_view each : words.names) allowed += (allowed.empty() ? "" : ", ") + std::string(each);
     wrong(name, "must be one of: " + allowed);
   }
-  void integers(const char* name, std::vector<std::uint32_t>& values, std::size_t most, std::uint32_t high) {
-    const Json* all = array(name, values, 1, most);
+  void integers(const char* name, std::vector<std::uint32_t>& values, std::size_t max, std::uint32_t high) {
+    const Json* all = array(name, values, 1, max);
     for (std::size_t i = 0; all != nullptr && i < all->size(); ++i)
       values.push_back(integer_from<std::uint32_t>((*all)[i], name, 1, high));
   }
@@ -121,8 +121,8 @@ class Fields {
     reads() ? element(field == nullptr ? empty() : *field, name, use) : use(Fields((*to_)[name]));
   }
   template <typename Element, typename Use>
-  void each(const char* name, std::vector<Element>& elements, std::size_t most, Use use) {
-    const Json* all = array(name, Written::array(), 0, most);
+  void each(const char* name, std::vector<Element>& elements, std::size_t max, Use use) {
+    const Json* all = array(name, Written::array(), 0, max);
     for (std::size_t i = 0; all != nullptr && i < all->size(); ++i)
       element((*all)[i], name, [&](Fields f) { use(f, elements.emplace_back()); });
     if (reads()) return;
@@ -143,10 +143,10 @@ class Fields {
     use(Fields(json.is_object() ? json : empty(), path_ + name + ".", *error_));
   }
   template <typename Value>
-  const Json* array(const char* name, const Value& value, std::size_t least, std::size_t most) {
+  const Json* array(const char* name, const Value& value, std::size_t min, std::size_t max) {
     const Json* field = find(name, value);
-    if (field == nullptr || (field->is_array() && field->size() >= least && field->size() <= most)) return field;
-    wrong(name, "must be an array of " + std::to_string(least) + " to " + std::to_string(most) + " elements");
+    if (field == nullptr || (field->is_array() && field->size() >= min && field->size() <= max)) return field;
+    wrong(name, "must be an array of " + std::to_string(min) + " to " + std::to_string(max) + " elements");
     return nullptr;
   }
   template <typename T>

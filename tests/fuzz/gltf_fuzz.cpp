@@ -24,9 +24,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (columns && columns->W.size() != n * columns->count) std::abort();
   }
   const std::size_t faces = (*clip)->rest().faces.size();
-  const Appearance& looks = *(*clip)->appearance();
-  if (looks.face_material.size() != faces || (!looks.corner_uv.empty() && looks.corner_uv.size() != faces) ||
-      (!looks.corner_colour.empty() && looks.corner_colour.size() != faces))
+  const Appearance& appearance = *(*clip)->appearance();
+  if (appearance.face_material.size() != faces ||
+      (!appearance.corner_uv.empty() && appearance.corner_uv.size() != faces) ||
+      (!appearance.corner_colour.empty() && appearance.corner_colour.size() != faces))
     std::abort();
   return 0;
 }

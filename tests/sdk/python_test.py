@@ -152,10 +152,10 @@ class Package(unittest.TestCase):
             self.assertEqual(subscriber.image(), image)
         numpy.testing.assert_array_equal(pose.vertex_colours, colours[pose.source_vertex])
         # Each triangle is one of the source's, with its corners in some turn.
-        given = {tuple(sorted(face)): dict(zip(face, places)) for face, places in zip(self.faces.tolist(), uv)}
-        for triangle, places in zip(pose.source_vertex[pose.triangles].tolist(), pose.corner_uv):
-            for vertex, place in zip(triangle, places):
-                numpy.testing.assert_allclose(place, given[tuple(sorted(triangle))][vertex], atol=1e-4)
+        given = {tuple(sorted(face)): dict(zip(face, uvs)) for face, uvs in zip(self.faces.tolist(), uv)}
+        for triangle, uvs in zip(pose.source_vertex[pose.triangles].tolist(), pose.corner_uv):
+            for vertex, found in zip(triangle, uvs):
+                numpy.testing.assert_allclose(found, given[tuple(sorted(triangle))][vertex], atol=1e-4)
         with eigencast.Publisher(url + "2", self.asset) as publisher:
             plain = self.watched(url + "2", lambda: publisher.send(self.positions), lambda p: len(p.positions) == 256)
         self.assertIsNone(plain.vertex_colours)
@@ -194,9 +194,9 @@ class Package(unittest.TestCase):
             self.assertIsNone(subscriber.next(timeout=0.01))
 
     def test_progress_is_told_and_can_end_the_bake(self):
-        told = []
-        eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=lambda fraction, stage: told.append((fraction, stage)))
-        self.assertTrue(told and all(0 <= fraction <= 1 and stage for fraction, stage in told))
+        reports = []
+        eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=lambda fraction, stage: reports.append((fraction, stage)))
+        self.assertTrue(reports and all(0 <= fraction <= 1 and stage for fraction, stage in reports))
 
         def enough(*_):
             raise KeyboardInterrupt

@@ -9,8 +9,8 @@ namespace eigencast::testing {
 namespace {
 
 // What Linux adds to the smoothed round trip before it sends again (TCP_RTO_MIN).
-constexpr TimeUs kLeastRetransmitUs = 200'000;
-constexpr int kMostLossesInARow = 6;
+constexpr TimeUs kMinRetransmitUs = 200'000;
+constexpr int kMaxLossesInARow = 6;
 
 }  // namespace
 
@@ -52,10 +52,10 @@ TimeUs ImpairedPath::taken_at(std::size_t bytes, TimeUs now_us) {
 
 TimeUs ImpairedPath::retransmission_us() {
   TimeUs wait_us =
-      impairment_.retransmit_us > 0 ? impairment_.retransmit_us : kLeastRetransmitUs + 2 * impairment_.delay_us;
+      impairment_.retransmit_us > 0 ? impairment_.retransmit_us : kMinRetransmitUs + 2 * impairment_.delay_us;
   TimeUs total_us = 0;
   // One draw per segment where nothing is lost, so that the jitter of a seed does not depend on the loss.
-  for (int i = 0; i < kMostLossesInARow && uniform() < impairment_.loss; ++i) {
+  for (int i = 0; i < kMaxLossesInARow && uniform() < impairment_.loss; ++i) {
     ++lost_;
     total_us += wait_us;
     wait_us *= 2;

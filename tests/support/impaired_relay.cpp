@@ -22,7 +22,7 @@ using boost::system::error_code;
 
 constexpr std::size_t kSegmentBytes = 1448;  // What one Ethernet frame carries of a TCP stream.
 constexpr int kSocketBytes = 64 * 1024;      // Kernel buffers would be a queue beside the modelled one.
-constexpr std::size_t kMostHeldBytes = 8 * 1024 * 1024;
+constexpr std::size_t kMaxHeldBytes = 8 * 1024 * 1024;
 
 using Counter = std::atomic<std::uint64_t>;
 
@@ -53,11 +53,11 @@ std::chrono::steady_clock::time_point at(TimeUs time_us) {
 /// Both directions of one connection. Kept alive by its pending operations.
 class Tunnel : public std::enable_shared_from_this<Tunnel> {
  public:
-  Tunnel(tcp::socket near, asio::io_context& io, ImpairedPath& to, ImpairedPath& from, TimeUs most_queued_us,
+  Tunnel(tcp::socket near, asio::io_context& io, ImpairedPath& to, ImpairedPath& from, TimeUs max_queued_us,
          Counter& bytes_to, Counter& bytes_from)
       : near_(std::move(near)),
         far_(io),
-        most_queued_us_(most_queued_us),
+        max_queued_us_(max_queued_us),
         to_target_(near_, far_, to, bytes_to),
         from_target_(far_, near_, from, bytes_from) {}
 
@@ -88,13 +88,13 @@ class Tunnel : public std::enable_shared_from_this<Tunnel> {
   }
 
   void read(Lane& lane) {
-    if (lane.reading || lane.ended || lane.held_bytes > kMostHeldBytes) return;
+    if (lane.reading || lane.ended || lane.held_bytes > kMaxHeldBytes) return;
     lane.reading = true;
     const TimeUs queued_us = lane.path.busy_until_us() - steady_now_us();
-    if (queued_us <= most_queued_us_) return read_now(lane);
+    if (queued_us <= max_queued_us_) return read_now(lane);
     // The link has enough to do: what is not read makes the writer's TCP wait, as a full router makes it slow down.
-    auto wait = std::make_shared<asio::steady_timer>(lane.timer.get_executor(),
-                                                     at(lane.path.busy_until_us() - most_queued_us_));
+    auto wait =
+        std::make_shared<asio::steady_timer>(lane.timer.get_executor(), at(lane.path.busy_until_us() - max_queued_us_));
     wait->async_wait([self = shared_from_this(), &lane, wait](error_code ec) {
       lane.reading = false;
       if (!ec && lane.from.is_open()) self->read(lane);
@@ -142,7 +142,7 @@ class Tunnel : public std::enable_shared_from_this<Tunnel> {
   }
 
   tcp::socket near_, far_;
-  TimeUs most_queued_us_;
+  TimeUs max_queued_us_;
   Lane to_target_, from_target_;
 };
 
@@ -187,7 +187,7 @@ class ImpairedRelay::Impl {
   void accept() {
     acceptor_.async_accept([this](error_code ec, tcp::socket socket) {
       if (ec) return;
-      auto tunnel = std::make_shared<Tunnel>(std::move(socket), io_, to_target_, from_target_, options_.most_queued_us,
+      auto tunnel = std::make_shared<Tunnel>(std::move(socket), io_, to_target_, from_target_, options_.max_queued_us,
                                              bytes_to, bytes_from);
       std::erase_if(tunnels_, [](const std::weak_ptr<Tunnel>& weak) { return weak.expired(); });
       tunnels_.push_back(tunnel);

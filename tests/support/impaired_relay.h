@@ -22,7 +22,7 @@ class ImpairedRelay {
     std::uint16_t port = 0;         ///< To listen on, on 127.0.0.1; 0: any free one.
     Impairment to_target;           ///< From the client to the target.
     Impairment from_target;         ///< And back.
-    TimeUs most_queued_us =
+    TimeUs max_queued_us =
         200'000;  ///< A rate-limited link holds at most so much of its own bandwidth (default: 200 ms).
   };
 

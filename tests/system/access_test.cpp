@@ -15,32 +15,32 @@ TEST_F(AccessTest, RightsAndTlsAdmitAStream) {
   scene_.use_tls();
   const std::string ca = scene_.file("first.pem");
   const std::string sends = token("sends", {"--publish", "live/**"});
-  const std::string looks = token("looks", {"--subscribe", "live/*"});
+  const std::string views = token("views", {"--subscribe", "live/*"});
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", sends, "--ca", ca});
-  EXPECT_TRUE(watches("a", {"--token", looks, "--ca", ca})) << scene_.logs();
+  EXPECT_TRUE(watches("a", {"--token", views, "--ca", ca})) << scene_.logs();
 
   // Delays are measured through the same door.
   std::vector<std::string> measures{"eigencast-latency", "passive", scene_.url(), "--ca", ca,
                                     "--warmup",          "0",       "--duration", "0.5"};
   EXPECT_EQ(scene_.run("unmeasured", measures), 1);
   EXPECT_THAT(text_of(scene_.file("unmeasured.log")), HasSubstr("--token"));
-  measures.insert(measures.end(), {"--token", looks});
+  measures.insert(measures.end(), {"--token", views});
   EXPECT_EQ(scene_.run("measured", measures), 0) << text_of(scene_.file("measured.log"));
   EXPECT_EQ(
-      scene_.run("probed", {"eigencast-latency", "probe", scene_.url(), "--ca", ca, "--token", looks, "--count", "3"}),
+      scene_.run("probed", {"eigencast-latency", "probe", scene_.url(), "--ca", ca, "--token", views, "--count", "3"}),
       0)
       << text_of(scene_.file("probed.log"));
 
   EXPECT_THAT(refusal("no-token", {"--ca", ca}), HasSubstr("--token"));
   EXPECT_THAT(refusal("no-right", {"--ca", ca, "--token", sends}),
               ::testing::AllOf(HasSubstr("'sends'"), HasSubstr("'live/test'")));
-  EXPECT_THAT(refusal("no-ca", {"--token", looks}), HasSubstr("is not trusted"));
-  EXPECT_THAT(refusal("forged", {"--ca", ca, "--token", text_of(scene_.file("looks")).substr(0, 40) + ".x.y"}),
+  EXPECT_THAT(refusal("no-ca", {"--token", views}), HasSubstr("is not trusted"));
+  EXPECT_THAT(refusal("forged", {"--ca", ca, "--token", text_of(scene_.file("views")).substr(0, 40) + ".x.y"}),
               HasSubstr("401"));
   const std::string brief = token("brief", {"--subscribe", "**", "--valid", "1s"});
   sleep_for(milliseconds(2100));
   EXPECT_THAT(refusal("expired", {"--ca", ca, "--token", brief}), HasSubstr("expired"));
-  for (const char* name : {"sends", "looks", "brief"}) {
+  for (const char* name : {"sends", "views", "brief"}) {
     EXPECT_THAT(broker->output(), ::testing::Not(HasSubstr(text_of(scene_.file(name)).substr(0, 60))))
         << "a token in the log";
   }
@@ -51,7 +51,7 @@ TEST_F(AccessTest, AnExpiredTokenEndsItsConnection) {
   const std::string sends = token("sends", {"--publish", "**"});
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", sends});
   // Baking and uploading are done when somebody sees it.
-  EXPECT_TRUE(watches("first", {"--token", token("looks", {"--subscribe", "**"})})) << scene_.logs();
+  EXPECT_TRUE(watches("first", {"--token", token("views", {"--subscribe", "**"})})) << scene_.logs();
   // A busy machine may not join within the first's time.
   for (const auto& [valid, duration] : {std::pair{"5s", "7"}, {"40s", "42"}}) {
     const std::string brief = token("brief", {"--subscribe", "**", "--valid", valid});

@@ -22,7 +22,7 @@ from websocket_peer import BINARY, TEXT, Broker, Peer, frame
 
 BROKER = None
 VIEWERS, FEW, MANY, SIZE = 800, 20, 120, 600
-MOST_INSTRUCTIONS, MOST_CALLS = 300, 1.05
+MAX_INSTRUCTIONS, MAX_CALLS = 300, 1.05
 
 
 def deliver(port, poses):
@@ -49,13 +49,13 @@ def deliver(port, poses):
 
 
 class DeliveryCost(unittest.TestCase):
-    def least_per_delivery(self, most, *how):
+    def min_per_delivery(self, limit, *how):
         """Each second that a run takes costs every connection something as well: a busy machine is given two more tries."""
         for _ in range(3):
             cost = self.per_delivery(*how)
-            if cost <= most:
+            if cost <= limit:
                 break
-        self.assertLessEqual(cost, most)
+        self.assertLessEqual(cost, limit)
         return cost
 
     def per_delivery(self, tool, command, total):
@@ -71,13 +71,13 @@ class DeliveryCost(unittest.TestCase):
         return (totals[1] - totals[0]) / ((MANY - FEW) * VIEWERS)
 
     def test_user_instructions(self):
-        cost = self.least_per_delivery(MOST_INSTRUCTIONS, "valgrind",
+        cost = self.min_per_delivery(MAX_INSTRUCTIONS, "valgrind",
                                        lambda out: ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--log-file=/dev/null"],
                                        lambda text: int(re.search(r"^(?:summary|totals): (\d+)", text, re.M).group(1)))
         print(f"{cost:.0f} user instructions per delivery")
 
     def test_system_calls(self):
-        cost = self.least_per_delivery(MOST_CALLS, "strace", lambda out: ["strace", "-f", "-c", "-o", str(out)],
+        cost = self.min_per_delivery(MAX_CALLS, "strace", lambda out: ["strace", "-f", "-c", "-o", str(out)],
                                        lambda text: int(re.search(r"^100\.00 +\S+ +(?:\d+ +)?(\d+) .*total$", text, re.M).group(1)))
         print(f"{cost:.3f} system calls per delivery")
 

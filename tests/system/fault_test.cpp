@@ -53,7 +53,7 @@ TEST_F(Fault, WithoutDescriptorsItWaitsAndLogs) {
   for (const int fd : sockets) ::close(fd);
   EXPECT_TRUE(eventually([&] { return get("/livez").find("200 OK") != std::string::npos; }, kPatience))
       << scene_.logs();
-  EXPECT_EQ(api("clients")["clients"].size(), 2u) << "who was there stayed";
+  EXPECT_EQ(api("clients")["clients"].size(), 2u) << "the clients stayed";
 }
 
 TEST_F(Fault, AFullDiskRefusesUploads) {
@@ -272,7 +272,7 @@ TEST_F(Fault, AnInterruptedDownloadResumes) {
     answer.resize(size);
     ASSERT_THAT(answer.substr(0, 12), "HTTP/1.1 206") << scene_.logs();
     got += body_of(answer);
-    kill(*broker);  // A restart in between is no matter either.
+    kill(*broker);  // A restart in between does not matter either.
     broker = scene_.start_broker();
   }
   EXPECT_EQ(hash_of(got), id);

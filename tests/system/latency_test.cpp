@@ -50,7 +50,7 @@ TEST(Latency, TheProgramMeasuresReportsAndJudges) {
 
   auto judged = run;
   judged.insert(judged.end(), {"--fail-if", "max<1h"});
-  EXPECT_EQ(scene.run("usage", judged), 2) << "hours are no unit";
+  EXPECT_EQ(scene.run("usage", judged), 2) << "hours are not a unit";
   judged.back() = "max>1us";
   EXPECT_EQ(scene.run("judged", judged), 3) << scene.logs();
   judged.back() = "p50>60s";

@@ -92,39 +92,39 @@ TEST_F(LimitsTest, RightsHoldAtEveryEndpoint) {
                "[access]\nanonymous = \"nowhere\"\njwt_keys = [\"main HS256 " + scene_.file("main.secret") + "\"]\n");
   auto broker = scene_.start_broker(configured());
   const std::string sends = bearer("sends", {"--publish", "lab/*"});
-  const std::string looks = bearer("looks", {"--subscribe", "lab/*"});
+  const std::string views = bearer("views", {"--subscribe", "lab/*"});
   const std::string runs = bearer("runs", {"--admin"});
   EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", sends)), HasSubstr(" 101 "));
   EXPECT_THAT(answer(upgrade_of("/v1/publish/live/a", sends)), HasSubstr(" 403 "));
-  EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", looks)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", views)), HasSubstr(" 403 "));
   EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", runs)), HasSubstr(" 403 "));
-  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a", looks)), HasSubstr(" 101 "));
-  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/other", looks)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a", views)), HasSubstr(" 101 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/other", views)), HasSubstr(" 403 "));
   EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a", sends)), HasSubstr(" 403 "));
   EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a")), HasSubstr(" 401 "));
   const std::string asset = "/v1/assets/" + std::string(64, 'a');
   const auto http = [](const std::string& method, const std::string& path, const std::string& headers) {
     return method + " " + path + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n" + headers + "\r\n";
   };
-  EXPECT_THAT(answer(http("GET", asset, looks)), HasSubstr(" 404 ")) << "it may ask";
+  EXPECT_THAT(answer(http("GET", asset, views)), HasSubstr(" 404 ")) << "it may ask";
   EXPECT_THAT(answer(http("GET", asset, "")), HasSubstr(" 401 "));
   EXPECT_THAT(answer(http("GET", "/v1/publish/lab/a", sends)), HasSubstr(" 426 ")) << "it may, with an upgrade";
   EXPECT_THAT(answer(http("GET", "/v1/publish/live/a", sends)), HasSubstr(" 403 ")) << "nor with one";
-  EXPECT_THAT(answer(http("GET", "/v1/subscribe/other", looks)), HasSubstr(" 403 "));
-  EXPECT_THAT(answer(http("PUT", asset, looks)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(http("GET", "/v1/subscribe/other", views)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(http("PUT", asset, views)), HasSubstr(" 403 "));
   EXPECT_THAT(answer(http("PUT", asset, sends)), HasSubstr(" 422 "))
       << "it may send; what it sent is not what its name says";
   EXPECT_THAT(answer(http("GET", "/v1/streams", "")), HasSubstr(" 401 "));
-  EXPECT_THAT(answer(http("GET", "/v1/streams", looks + "Origin: https://elsewhere.example\r\n")), HasSubstr(" 403 "));
-  EXPECT_THAT(answer(http("GET", "/v1/streams", looks)), HasSubstr(" 200 "));
+  EXPECT_THAT(answer(http("GET", "/v1/streams", views + "Origin: https://elsewhere.example\r\n")), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(http("GET", "/v1/streams", views)), HasSubstr(" 200 "));
 }
 
 TEST_F(LimitsTest, OneConnectionTooManyIsRefused) {
   auto broker = scene_.start_broker(configured({"--per-address-connections", "2", "--per-token-connections", "1"}));
   Wire first(scene_.port());
-  first.send(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"})));
+  first.send(upgrade_of("/v1/subscribe", bearer("views", {"--subscribe", "**"})));
   EXPECT_THAT(first.read_until("welcome"), HasSubstr(" 101 "));
-  const std::string of_token = answer(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"})));
+  const std::string of_token = answer(upgrade_of("/v1/subscribe", bearer("views", {"--subscribe", "**"})));
   EXPECT_THAT(of_token, HasSubstr(" 429 "));
   EXPECT_THAT(of_token, HasSubstr("Retry-After"));
   // The one that was just turned away may count for a moment longer.
@@ -135,7 +135,7 @@ TEST_F(LimitsTest, OneConnectionTooManyIsRefused) {
     return second->read_until("\r\n\r\n").find(" 101 ") != std::string::npos;
   }));
   EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 429 "));
-  EXPECT_THAT(refusal("told", {}), HasSubstr("per_address.connections"));
+  EXPECT_THAT(refusal("refused", {}), HasSubstr("per_address.connections"));
 }
 
 TEST_F(LimitsTest, SendersStreamsMessagesAndUploadsAreLimited) {
@@ -174,9 +174,9 @@ TEST_F(LimitsTest, GuessedTokensAreRateLimited) {
   const std::string slowed = answer(upgrade_of("/v1/subscribe", guess));
   EXPECT_THAT(slowed, HasSubstr(" 429 "));
   EXPECT_THAT(slowed, HasSubstr("Retry-After"));
-  EXPECT_THAT(answer(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"}))), HasSubstr(" 429 "))
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe", bearer("views", {"--subscribe", "**"}))), HasSubstr(" 429 "))
       << "it could be a guess";
-  EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 101 ")) << "who guesses nothing goes on";
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 101 ")) << "a client that guesses nothing goes on";
   EXPECT_THAT(broker->output(), Not(HasSubstr("ect_1")));
 }
 

@@ -197,12 +197,12 @@ TEST_F(Operation, ADrainIsNotReadyAndEndsAtItsDeadline) {
   EXPECT_THAT(get("/livez"), HasSubstr("200 OK"));
   EXPECT_EQ(metric("eigencast_broker_draining"), 1);
   EXPECT_EQ(connect_to(scene_.port()), -1) << "no new peers";
-  std::string told;
+  std::string notice;
   char buffer[4096];
   for (ssize_t count = 0; (count = ::recv(stays, buffer, sizeof buffer, 0)) > 0;) {
-    told.append(buffer, static_cast<std::size_t>(count));
+    notice.append(buffer, static_cast<std::size_t>(count));
   }
-  EXPECT_THAT(told, HasSubstr("retry_after_ms"));
+  EXPECT_THAT(notice, HasSubstr("retry_after_ms"));
   EXPECT_EQ(broker->wait(kPatience), 0) << scene_.logs();
   ::close(stays);
 }

@@ -242,8 +242,8 @@ TEST_F(ProxyTest, OnlyPublicAssetsAreCached) {
   std::filesystem::remove_all(scene_.file("kept"));
   std::filesystem::create_directory(scene_.file("kept"));
   ASSERT_NO_FATAL_FAILURE(reload(*broker, "[access]\nanonymous = \"nowhere\"\n" + keys + trusted));
-  const std::string looks = text_of(token("looks", {"--subscribe", "**"}).substr(1));
-  const std::string authorization = "Authorization: Bearer " + looks.substr(0, looks.find('\n'));
+  const std::string views = text_of(token("views", {"--subscribe", "**"}).substr(1));
+  const std::string authorization = "Authorization: Bearer " + views.substr(0, views.find('\n'));
   for (int i = 0; i < 2; ++i) {
     const std::string shown = curl(asset, {"--header", authorization, "--output", "/dev/null", "--dump-header", "-"});
     EXPECT_THAT(shown, HasSubstr("private, max-age=31536000, immutable"));

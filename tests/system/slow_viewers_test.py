@@ -74,11 +74,11 @@ class Viewer:
 
     def acknowledge(self):
         """The newest frame, 30 times a second, as long as the connection lives."""
-        told = None
+        acknowledged = None
         while self.peer.sock.fileno() >= 0:
-            if self.newest != told:
-                told = self.newest
-                self.peer.send(frame(TEXT, json.dumps({"op": "ack", "items": [told], "time_us": now_us()}).encode()))
+            if self.newest != acknowledged:
+                acknowledged = self.newest
+                self.peer.send(frame(TEXT, json.dumps({"op": "ack", "items": [acknowledged], "time_us": now_us()}).encode()))
             time.sleep(1 / 30)
 
     def step(self):

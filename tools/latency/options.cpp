@@ -61,7 +61,8 @@ void add_outputs(CLI::App& command, Options& o) {
                   "exit 3 if it holds: 'p99>60ms', 'synthetic.p50>30ms', 'in_broker.p50>100us', 'lost>0'")
       ->group("Output");
   command
-      .add_flag("--no-progress", o.no_progress, "no progress line (there is none where standard error is no terminal)")
+      .add_flag("--no-progress", o.no_progress,
+                "no progress line (there is none where standard error is not a terminal)")
       ->group("Output");
   command.add_flag("--verbose,-v", o.verbose, "say what the connections do")->group("Output");
 }

@@ -95,7 +95,7 @@ void Timeline::settle(std::uint64_t sequence, Key& key) {
   }
 }
 
-std::optional<TimeUs> Timeline::least_hold_us(std::uint64_t sequence, const Key& key) const {
+std::optional<TimeUs> Timeline::min_hold_us(std::uint64_t sequence, const Key& key) const {
   const auto before = keys_.find(sequence - 1);
   if (before == keys_.end() || !before->second.capture_us || key.broker.empty()) return std::nullopt;
   TimeUs of = 0;
@@ -118,7 +118,7 @@ StagedPose Timeline::staged(const Received& r, const Key& key, const Broker& bro
   // A pose between two keys waits for the later one to be made, then for its turn. All poses of an interval are made to
   // wait as long as its first one must; what is beyond that is margin.
   const TimeUs held_us = *key.capture_us - r.envelope.capture_us + ready_us - broker.arrived_us;
-  const TimeUs hold_us = broker.due_us ? least_hold_us(r.envelope.sequence, key).value_or(held_us) : held_us;
+  const TimeUs hold_us = broker.due_us ? min_hold_us(r.envelope.sequence, key).value_or(held_us) : held_us;
   pose.at(Stage::kHold) = {hold_us, 0};
   pose.at(Stage::kMargin) = {held_us - hold_us, 0};
   pose.at(Stage::kInBroker) = {broker.left_us - ready_us, 0};

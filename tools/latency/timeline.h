@@ -105,7 +105,7 @@ class Timeline {
   void settle(std::uint64_t sequence, Key& key);
   StagedPose staged(const Received& received, const Key& key, const Broker& broker) const;
   /// For the first pose of the interval that ends with the key; nothing if it is not known.
-  std::optional<TimeUs> least_hold_us(std::uint64_t sequence, const Key& key) const;
+  std::optional<TimeUs> min_hold_us(std::uint64_t sequence, const Key& key) const;
 
   Clocks clocks_;
   std::map<std::uint64_t, Key> keys_;  ///< At most kMaxKeys of the newest.

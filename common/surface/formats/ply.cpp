@@ -201,16 +201,16 @@ class PlyParser {
   // Finds what is used and holds the counts against the size of the file.
   Result<void> check_layout() {
     for (const Element& element : elements_) {
-      std::size_t least_bytes = 0;
+      std::size_t min_bytes = 0;
       for (const Property& property : element.properties) {
         const Scalar& first = property.list_count != nullptr ? *property.list_count : *property.scalar;
-        least_bytes += encoding_ == Encoding::kText ? 2 : first.bytes;
+        min_bytes += encoding_ == Encoding::kText ? 2 : first.bytes;
       }
       if (element.name == "tristrips")
         return fail(ErrorCode::kUnsupported, "triangle strips; save it with plain faces");
       const bool used = element.name == "vertex" || element.name == "face";
       // The last token of a text may lack its blank.
-      if (element.count > (bytes_.size() + 1) / std::max<std::size_t>(least_bytes, 1)) {
+      if (element.count > (bytes_.size() + 1) / std::max<std::size_t>(min_bytes, 1)) {
         return fail(ErrorCode::kCorrupt, "the header claims " + std::to_string(element.count) + " of " +
                                              text::quoted(element.name) + ", more than the " +
                                              std::to_string(bytes_.size()) + " bytes after it can hold");

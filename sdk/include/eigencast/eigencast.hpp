@@ -75,18 +75,18 @@ class Asset {
     }
     auto appearance = EC_INIT(ec_appearance);
     if (options.appearance) {
-      const Appearance& looks = *options.appearance;
+      const Appearance& style = *options.appearance;
       const auto given = [](auto values, std::size_t wanted, const char* what) {
         if (!values.empty() && values.size() != wanted) throw std::invalid_argument(what);
         return values.empty() ? nullptr : values.data();
       };
       appearance.vertex_colours =
-          given(looks.vertex_colours, positions.size(), "Asset::bake: vertex_colours are not 3 per vertex");
-      appearance.corner_uv = given(looks.corner_uv, 2 * faces.size(), "Asset::bake: corner_uv are not 6 per triangle");
+          given(style.vertex_colours, positions.size(), "Asset::bake: vertex_colours are not 3 per vertex");
+      appearance.corner_uv = given(style.corner_uv, 2 * faces.size(), "Asset::bake: corner_uv are not 6 per triangle");
       appearance.vertex_uv =
-          given(looks.vertex_uv, positions.size() / 3 * 2, "Asset::bake: vertex_uv are not 2 per vertex");
-      appearance.image = looks.image.empty() ? nullptr : looks.image.data();
-      appearance.image_size = looks.image.size();
+          given(style.vertex_uv, positions.size() / 3 * 2, "Asset::bake: vertex_uv are not 2 per vertex");
+      appearance.image = style.image.empty() ? nullptr : style.image.data();
+      appearance.image_size = style.image.size();
       c_options.appearance = &appearance;
     }
     ec_asset* asset = nullptr;

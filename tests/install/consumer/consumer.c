@@ -39,15 +39,15 @@ static int appearances_are_checked(void) {
   static const unsigned char png[9] = "\x89PNG\r\n\x1a\n";
   static float uv[2 * kVertices];
   ec_asset *plain = 0, *painted = 0;
-  ec_appearance looks = EC_INIT(ec_appearance);
+  ec_appearance appearance = EC_INIT(ec_appearance);
   ec_bake_options options = EC_INIT(ec_bake_options);
   options.rank = 10;
   options.cache_dir = "";
   if (ec_bake(rest, kVertices, faces, kFaces, &options, &plain) != EC_OK) return 0;
-  options.appearance = &looks;
-  looks.image = png, looks.image_size = sizeof png;
-  if (ec_bake(rest, kVertices, faces, kFaces, &options, &painted) != EC_INVALID_ARGUMENT) return 0; /* no places */
-  looks.vertex_uv = uv;
+  options.appearance = &appearance;
+  appearance.image = png, appearance.image_size = sizeof png;
+  if (ec_bake(rest, kVertices, faces, kFaces, &options, &painted) != EC_INVALID_ARGUMENT) return 0; /* no UVs */
+  appearance.vertex_uv = uv;
   if (ec_bake(rest, kVertices, faces, kFaces, &options, &painted) != EC_OK) return 0;
   ec_asset_info one = EC_INIT(ec_asset_info), other = EC_INIT(ec_asset_info);
   const int another = ec_asset_get_info(plain, &one) == EC_OK && ec_asset_get_info(painted, &other) == EC_OK &&

@@ -208,12 +208,12 @@ TEST_F(ServiceTest, StoppingUnderLoadIsClean) {
 TEST_F(ServiceTest, FailingHandlerEndsOnlyItsConnection) {
   stop();
   std::atomic<int> thrown = 0;
-  std::atomic<bool> told = false;
+  std::atomic<bool> logged = false;
   log_ = [&](LogLevel, std::string_view line) {
     if (line.find("no memory") == std::string_view::npos && line.find("'unlucky'") != std::string_view::npos &&
         thrown++ == 0)
       throw std::runtime_error("no memory");
-    if (line.find("no memory") != std::string_view::npos) told = true;
+    if (line.find("no memory") != std::string_view::npos) logged = true;
   };
   start();
   auto publisher = sender("a");
@@ -229,7 +229,7 @@ TEST_F(ServiceTest, FailingHandlerEndsOnlyItsConnection) {
   EXPECT_EQ(viewer.next_frame()->envelope.sequence, 0u);
   EXPECT_EQ(request("GET", "/v1/streams").status, 200);
   EXPECT_GE(thrown, 1);
-  EXPECT_TRUE(told);
+  EXPECT_TRUE(logged);
   stop();
 }
 

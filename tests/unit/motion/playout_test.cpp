@@ -140,7 +140,7 @@ TEST(Playout, WrongEstimateIsCorrectedWithBoundedVelocity) {
     Playout playout = player(mode);
     const double per_ms = 0.001;  // Of the motion, in the pose's units.
     const auto truth = [&](TimeUs t_us) { return per_ms * static_cast<double>(std::min(t_us, 2'000 * kMs) / kMs); };
-    double shown = 0, most_wrong = 0;
+    double shown = 0, max_wrong = 0;
     bool settled = false;
     for (TimeUs now_us = 0; now_us < 4'000 * kMs; now_us += 10 * kMs) {
       const bool stalls = now_us >= 1'000 * kMs && now_us < 1'300 * kMs;  // Then its keys come all at once.
@@ -157,10 +157,10 @@ TEST(Playout, WrongEstimateIsCorrectedWithBoundedVelocity) {
       }
       settled = settled || pose->settling;
       shown = pose->coefficients[0];
-      if (now_us > 2'600 * kMs) most_wrong = std::max(most_wrong, std::abs(shown - truth(now_us)));
+      if (now_us > 2'600 * kMs) max_wrong = std::max(max_wrong, std::abs(shown - truth(now_us)));
     }
     EXPECT_TRUE(settled);
-    EXPECT_NEAR(most_wrong, 0, 1e-9) << "and then it is right";
+    EXPECT_NEAR(max_wrong, 0, 1e-9) << "and then it is right";
   }
 }
 
@@ -237,7 +237,7 @@ TEST(Playout, MixesOnlyBandsOfBothPoses) {
   const auto back = playout.at(6 * kPlayoutInterval + kPlayoutInterval / 2);
   EXPECT_DOUBLE_EQ(back->coefficients[1], 35) << "straight: the neighbours lack the band";
   EXPECT_EQ(back->bands, 3);
-  EXPECT_FALSE(back->settling) << "bands that come and go are no errors";
+  EXPECT_FALSE(back->settling) << "bands that come and go are not errors";
 }
 
 TEST(Playout, EstimatesHoldBandsOfTheNewestAlone) {

@@ -135,11 +135,11 @@ TEST(Splats, DiscsOfEveryLevelCoverTheirPoints) {
   for (const std::uint32_t N : {cloud.order.base_count, n / 20, n / 3, n - 1, n}) {
     const std::vector<double> radii = cloud.radii(N);
     for (std::uint32_t i = 0; i < n; ++i) {
-      const std::uint32_t stand = prefix_corner(cloud.order.map, i, N);
-      const Vec3 e = cloud.rows[i] - cloud.rows[stand];
-      const Vec3 &here = cloud.normals[stand], &there = cloud.normals[i];
+      const std::uint32_t corner = prefix_corner(cloud.order.map, i, N);
+      const Vec3 e = cloud.rows[i] - cloud.rows[corner];
+      const Vec3 &here = cloud.normals[corner], &there = cloud.normals[i];
       if (dot(here, there) < 0.31) continue;  // on another side of the tube
-      EXPECT_LE(length(cross(e, here)), radii[stand] * 1.000001) << i << " at " << N;
+      EXPECT_LE(length(cross(e, here)), radii[corner] * 1.000001) << i << " at " << N;
     }
   }
 }

@@ -26,7 +26,7 @@ Tube tube() {
       t.surface.positions.push_back({r * std::cos(a), r * std::sin(a), z});
     }
   }
-  const auto place = [](int i, int j) {
+  const auto uv_at = [](int i, int j) {
     return GridUv{static_cast<std::uint16_t>(60000 * i / kAround), static_cast<std::uint16_t>(60000 * j / kAcross)};
   };
   for (int j = 0; j < kAcross; ++j) {
@@ -35,9 +35,9 @@ Tube tube() {
         return static_cast<std::uint32_t>((j + dj) * kAround + (i + di) % kAround);
       };
       t.surface.faces.push_back({at(0, 0), at(1, 0), at(1, 1)});
-      t.uvs.push_back({place(i, j), place(i + 1, j), place(i + 1, j + 1)});
+      t.uvs.push_back({uv_at(i, j), uv_at(i + 1, j), uv_at(i + 1, j + 1)});
       t.surface.faces.push_back({at(0, 0), at(1, 1), at(0, 1)});
-      t.uvs.push_back({place(i, j), place(i + 1, j + 1), place(i, j + 1)});
+      t.uvs.push_back({uv_at(i, j), uv_at(i + 1, j + 1), uv_at(i, j + 1)});
     }
   }
   return t;

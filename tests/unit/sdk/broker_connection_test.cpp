@@ -82,19 +82,19 @@ TEST(BrokerConnection, TwentyStreamsTakeFourThreadsAndOneConnection) {
   for (int i = 0; i < 20; ++i) {
     subscribers.push_back(watch("ws://localhost:" + std::to_string(broker.port()) + "/" + stream_name(i)));
   }
-  long most_threads = 0;
-  int most_connections = 0;
+  long max_threads = 0;
+  int max_connections = 0;
   ASSERT_TRUE(eventually([&] {
     const bool complete = std::all_of(subscribers.begin(), subscribers.end(), [](auto& s) {
       (void)s->poll(milliseconds(1));
       return s->asset() != nullptr && s->asset()->complete();
     });
-    most_threads = std::max(most_threads, threads_of_this_process() - threads);
-    most_connections = std::max(most_connections, connections_to(broker.port()) - connections);
+    max_threads = std::max(max_threads, threads_of_this_process() - threads);
+    max_connections = std::max(max_connections, connections_to(broker.port()) - connections);
     return complete;
   }));
-  EXPECT_LE(1 + most_threads, 4) << "with the caller's";
-  EXPECT_LE(most_connections, 2) << "one for frames, one for surfaces";
+  EXPECT_LE(1 + max_threads, 4) << "with the caller's";
+  EXPECT_LE(max_connections, 2) << "one for frames, one for surfaces";
   for (auto& sender : senders) EXPECT_EQ(sender->publisher->stats().subscribers, 1u);
   subscribers.clear();
   EXPECT_EQ(threads_of_this_process(), threads);
@@ -118,14 +118,14 @@ TEST(BrokerConnection, PosesEqualThoseOfSeparateConnections) {
   };
   std::size_t in_common = 0;
   ASSERT_TRUE(eventually([&] {
-    std::size_t least = kPoses;
+    std::size_t min = kPoses;
     for (std::size_t i = 0; i < kStreams; ++i) {
       (void)senders[i]->send();
       collect(*together[i], of_together[i]);
       collect(*apart[i], of_apart[i]);
-      least = std::min({least, of_together[i].size(), of_apart[i].size()});
+      min = std::min({min, of_together[i].size(), of_apart[i].size()});
     }
-    return least == kPoses;
+    return min == kPoses;
   }));
   for (std::size_t i = 0; i < kStreams; ++i) {
     for (const auto& [capture_us, C] : of_together[i]) {

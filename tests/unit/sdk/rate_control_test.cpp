@@ -52,7 +52,7 @@ Coded coded_of(const MotionClip& clip) {
 
 struct Run {
   double bits_per_s = 0;  ///< After it has settled.
-  int least_bands = 8;
+  int min_bands = 8;
   std::vector<double> octaves;  ///< log2 of the half spacing, after it has settled.
 };
 
@@ -82,7 +82,7 @@ Run play(const Coded& clip, std::optional<double> target) {
     if (control) control->add(size, (frame + 1) * kClipFrameUs);
     if (frame < kSettled) continue;
     bytes += static_cast<double>(size);
-    run.least_bands = std::min(run.least_bands, int{choice.bands});
+    run.min_bands = std::min(run.min_bands, int{choice.bands});
     run.octaves.push_back(std::log2(choice.half_spacing));
   }
   run.bits_per_s = bytes * 8 / ((kFrames - kSettled) * kClipFrameUs * 1e-6);

@@ -20,10 +20,10 @@ using Colours = std::vector<std::array<std::uint8_t, 3>>;
 
 Colours colours_in(const std::string& name, const std::string& bytes) {
   const TempDir dir;
-  Appearance looks;
-  const auto surface = read_surface(dir.write(name, bytes), &looks);
+  Appearance appearance;
+  const auto surface = read_surface(dir.write(name, bytes), &appearance);
   EXPECT_TRUE(surface) << surface.error().message;
-  return surface ? stated_colours(*surface, looks) : Colours();
+  return surface ? stated_colours(*surface, appearance) : Colours();
 }
 
 const Colours kThree{{255, 0, 0}, {0, 128, 0}, {1, 2, 255}};
@@ -62,12 +62,13 @@ TEST(Appearance, PartialVertexColoursAreDropped) {
 
 TEST(Appearance, CornerColoursAreMeanLightTimesMaterial) {
   const Surface quad{{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {{0, 1, 2}, {0, 2, 3}}};
-  Appearance looks;
-  looks.corner_colour = {{{{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}}}, {{{0, 0, 1, 1}, {0, 0, 1, 1}, {1, 1, 1, 1}}}};
-  EXPECT_EQ(stated_colours(quad, looks), (Colours{{188, 0, 188}, {0, 255, 0}, {0, 0, 255}, {255, 255, 255}}));
-  looks.materials.push_back({"half", {0, 1, 0.2158605F, 1}, -1});
-  looks.face_material = {0, 0};
-  EXPECT_EQ(stated_colours(quad, looks), (Colours{{0, 0, 92}, {0, 255, 0}, {0, 0, 128}, {0, 255, 128}}));
+  Appearance appearance;
+  appearance.corner_colour = {{{{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}}},
+                              {{{0, 0, 1, 1}, {0, 0, 1, 1}, {1, 1, 1, 1}}}};
+  EXPECT_EQ(stated_colours(quad, appearance), (Colours{{188, 0, 188}, {0, 255, 0}, {0, 0, 255}, {255, 255, 255}}));
+  appearance.materials.push_back({"half", {0, 1, 0.2158605F, 1}, -1});
+  appearance.face_material = {0, 0};
+  EXPECT_EQ(stated_colours(quad, appearance), (Colours{{0, 0, 92}, {0, 255, 0}, {0, 0, 128}, {0, 255, 128}}));
   Appearance grey;
   grey.materials.push_back({"grey", {0.5F, 0.5F, 0.5F, 1}, -1});
   grey.face_material = {0, 0};
@@ -78,27 +79,27 @@ TEST(Appearance, CornerColoursAreMeanLightTimesMaterial) {
 }
 
 /// What an OBJ file of one square says, with what lies beside it.
-Appearance looks_of_square(const TempDir& dir, const std::string& more, const std::string& faces) {
+Appearance appearance_of_square(const TempDir& dir, const std::string& more, const std::string& faces) {
   const std::string name =
       dir.write("square.obj", more + "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 .75\nvt 0 1\n" + faces);
-  Appearance looks;
-  const auto surface = read_surface(name, &looks);
+  Appearance appearance;
+  const auto surface = read_surface(name, &appearance);
   EXPECT_TRUE(surface) << surface.error().message;
-  return looks;
+  return appearance;
 }
 
 TEST(Appearance, ObjUvsCountFromTheTop) {
   const TempDir dir;
-  const Appearance looks = looks_of_square(dir, "", "f 1/1 2/2/7 3/3 4/-1\n");
-  ASSERT_EQ(looks.corner_uv.size(), 2u);
+  const Appearance appearance = appearance_of_square(dir, "", "f 1/1 2/2/7 3/3 4/-1\n");
+  ASSERT_EQ(appearance.corner_uv.size(), 2u);
   using Uv = std::array<float, 2>;
-  EXPECT_EQ(looks.corner_uv[0], (std::array<Uv, 3>{Uv{0, 1}, Uv{1, 1}, Uv{1, .25F}}));
-  EXPECT_EQ(looks.corner_uv[1], (std::array<Uv, 3>{Uv{0, 1}, Uv{1, .25F}, Uv{0, 0}}));
-  const Appearance some = looks_of_square(dir, "", "f 1/1 2/2 3/3\nf 1 3 4/99\n");
+  EXPECT_EQ(appearance.corner_uv[0], (std::array<Uv, 3>{Uv{0, 1}, Uv{1, 1}, Uv{1, .25F}}));
+  EXPECT_EQ(appearance.corner_uv[1], (std::array<Uv, 3>{Uv{0, 1}, Uv{1, .25F}, Uv{0, 0}}));
+  const Appearance some = appearance_of_square(dir, "", "f 1/1 2/2 3/3\nf 1 3 4/99\n");
   ASSERT_EQ(some.corner_uv.size(), 2u);
   for (const Uv& uv : some.corner_uv[1]) EXPECT_TRUE(std::isnan(uv[0]) || uv == (Uv{0, 1}));
   EXPECT_TRUE(std::isnan(some.corner_uv[1][2][0])) << "a number beyond the last is nowhere";
-  EXPECT_TRUE(looks_of_square(dir, "", "f 1//1 2 3\n").corner_uv.empty());
+  EXPECT_TRUE(appearance_of_square(dir, "", "f 1//1 2 3\n").corner_uv.empty());
 }
 
 TEST(Appearance, ObjMaterialsComeFromFilesBelowTheFolder) {
@@ -112,18 +113,19 @@ TEST(Appearance, ObjMaterialsComeFromFilesBelowTheFolder) {
             "newmtl red\nKd 1 0 0\n newmtl far\nmap_Kd " +
                 outside.file("far.png") + "\n");
   dir.write("skin.png", "pixels");
-  const Appearance looks = looks_of_square(dir, "mtllib m.mtl\nmtllib absent.mtl\n",
-                                           "usemtl skin\nf 1/1 2/2 3/3\nusemtl red\nf 1 3 4\nusemtl far\nf 1 2 4\n");
-  EXPECT_EQ(looks.face_material, (std::vector<int>{0, 1, 2}));
-  ASSERT_EQ(looks.materials.size(), 3u);
-  EXPECT_EQ(looks.materials[0].name, "skin");
-  ASSERT_EQ(looks.materials[0].image, 0);
-  EXPECT_EQ(std::string(looks.images[0].bytes.begin(), looks.images[0].bytes.end()), "pixels");
-  EXPECT_EQ(looks.materials[0].base_colour[0], 1) << "an image is not darkened";
-  EXPECT_EQ(looks.materials[1].image, -1);
-  EXPECT_EQ(looks.materials[1].base_colour, (std::array<float, 4>{1, 0, 0, 1}));
-  ASSERT_EQ(looks.materials[2].image, 1);
-  EXPECT_TRUE(looks.images[1].bytes.empty()) << "a file that does not lie below the model's folder is not opened";
+  const Appearance appearance =
+      appearance_of_square(dir, "mtllib m.mtl\nmtllib absent.mtl\n",
+                           "usemtl skin\nf 1/1 2/2 3/3\nusemtl red\nf 1 3 4\nusemtl far\nf 1 2 4\n");
+  EXPECT_EQ(appearance.face_material, (std::vector<int>{0, 1, 2}));
+  ASSERT_EQ(appearance.materials.size(), 3u);
+  EXPECT_EQ(appearance.materials[0].name, "skin");
+  ASSERT_EQ(appearance.materials[0].image, 0);
+  EXPECT_EQ(std::string(appearance.images[0].bytes.begin(), appearance.images[0].bytes.end()), "pixels");
+  EXPECT_EQ(appearance.materials[0].base_colour[0], 1) << "an image is not darkened";
+  EXPECT_EQ(appearance.materials[1].image, -1);
+  EXPECT_EQ(appearance.materials[1].base_colour, (std::array<float, 4>{1, 0, 0, 1}));
+  ASSERT_EQ(appearance.materials[2].image, 1);
+  EXPECT_TRUE(appearance.images[1].bytes.empty()) << "a file that does not lie below the model's folder is not opened";
 }
 
 TEST(Appearance, SrgbTransferRoundTrips) {

@@ -146,20 +146,21 @@ TEST(Gltf, PrimitivesMayLackUvsAndColours) {
   const int uv = glb.floats({0, 0, 1, 0, 0, 1, 1, 1}, "VEC2", 2);
   const int colour = glb.floats({1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0}, "VEC3", 3);
   const int first = glb.shorts({0, 1, 2}), others = glb.shorts({0, 2, 3, 0, 1, 1, 0, 3, 1});
-  const std::string place = R"({"attributes":{"POSITION":)" + text(position);
-  const auto clip = open(glb.bytes(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[)" + place + R"(,"TEXCOORD_0":)" +
-                                   text(uv) + R"(,"COLOR_0":)" + text(colour) + R"(},"indices":)" + text(first) + "}," +
-                                   place + R"(},"indices":)" + text(others) + "}]}]"));
+  const std::string attributes = R"({"attributes":{"POSITION":)" + text(position);
+  const auto clip =
+      open(glb.bytes(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[)" + attributes + R"(,"TEXCOORD_0":)" + text(uv) +
+                     R"(,"COLOR_0":)" + text(colour) + R"(},"indices":)" + text(first) + "}," + attributes +
+                     R"(},"indices":)" + text(others) + "}]}]"));
   ASSERT_TRUE(clip) << clip.error().message;
   ASSERT_EQ((*clip)->rest().faces, (std::vector<Face>{{0, 1, 2}, {0, 2, 3}, {0, 3, 1}}))
       << "one of the three collapses";
-  const Appearance* looks = (*clip)->appearance();
+  const Appearance* appearance = (*clip)->appearance();
   using Uv = std::array<float, 2>;
-  ASSERT_EQ(looks->corner_uv.size(), 3u);
-  EXPECT_EQ(looks->corner_uv[0], (std::array<Uv, 3>{Uv{0, 0}, Uv{1, 0}, Uv{0, 1}}));
-  EXPECT_EQ(looks->corner_uv[2], (std::array<Uv, 3>{}));
-  ASSERT_EQ(looks->corner_colour.size(), 3u);
-  EXPECT_EQ(looks->corner_colour[2][0], (std::array<float, 4>{1, 1, 1, 1}));
+  ASSERT_EQ(appearance->corner_uv.size(), 3u);
+  EXPECT_EQ(appearance->corner_uv[0], (std::array<Uv, 3>{Uv{0, 0}, Uv{1, 0}, Uv{0, 1}}));
+  EXPECT_EQ(appearance->corner_uv[2], (std::array<Uv, 3>{}));
+  ASSERT_EQ(appearance->corner_colour.size(), 3u);
+  EXPECT_EQ(appearance->corner_colour[2][0], (std::array<float, 4>{1, 1, 1, 1}));
 }
 
 TEST(Gltf, SeamsAreWeldedWhereBothSidesMoveAlike) {
@@ -178,10 +179,10 @@ TEST(Gltf, SeamsAreWeldedWhereBothSidesMoveAlike) {
   EXPECT_EQ((*clip)->rest().vertex_count(), 7u) << "two pairs are one; two positions keep two vertices";
   EXPECT_EQ((*clip)->rest().faces, (std::vector<Face>{{0, 1, 2}, {1, 3, 2}, {4, 5, 6}}));
   ASSERT_EQ((*clip)->notes().size(), 2u);
-  const Appearance* looks = (*clip)->appearance();
-  ASSERT_EQ(looks->corner_uv.size(), 3u);
-  EXPECT_EQ(looks->corner_uv[0][1][0], 1) << "both sides of the seam keep their own coordinates";
-  EXPECT_EQ(looks->corner_uv[1][0][0], 0.5F);
+  const Appearance* appearance = (*clip)->appearance();
+  ASSERT_EQ(appearance->corner_uv.size(), 3u);
+  EXPECT_EQ(appearance->corner_uv[0][1][0], 1) << "both sides of the seam keep their own coordinates";
+  EXPECT_EQ(appearance->corner_uv[1][0][0], 0.5F);
 }
 
 TEST(Gltf, SparseAndQuantisedAccessorsAreDecoded) {
@@ -237,9 +238,9 @@ TEST(Gltf, IndicesAndLengthsAreCheckedBeforeUse) {
       "buffer view 0");
   expect_bad_accessor(R"("bufferView":0,"componentType":5126,"count":4,"type":"VEC2")", "accessor 2");
   EXPECT_EQ(error_of(uses_2, R"("componentType":5126,"count":4000000000000,"type":"VEC3")").code, ErrorCode::kTooLarge);
-  expect_bad_accessor(
-      R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,"indices":{"bufferView":1,"componentType":5123},"values":{"bufferView":77}})",
-      "buffer view 77");
+  expect_bad_accessor(R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,)"
+                      R"("indices":{"bufferView":1,"componentType":5123},"values":{"bufferView":77}})",
+                      "buffer view 77");
   expect_corrupt(error_of(mesh_of(R"({"attributes":{"POSITION":7},"indices":1})")), "accessor 7");
   expect_corrupt(error_of(mesh_of(R"({"attributes":{"POSITION":0},"indices":0})")), "accessor 0");
   expect_corrupt(error_of(R"("nodes":[{"mesh":3}],"meshes":[])"), "mesh 3");
@@ -272,7 +273,8 @@ TEST(Gltf, FilesOutsideTheFolderAreNeverOpened) {
   const auto gltf = [&](const std::string& uri) {
     return R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":72,"uri":")" + uri +
            R"("}],"bufferViews":[{"buffer":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":24}],)"
-           R"("accessors":[{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"},{"bufferView":1,"componentType":5123,"count":12,"type":"SCALAR"}],)" +
+           R"("accessors":[{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"},)"
+           R"({"bufferView":1,"componentType":5123,"count":12,"type":"SCALAR"}],)" +
            mesh_of(R"({"attributes":{"POSITION":0},"indices":1})") + "}";
   };
   dir.write("outside.bin", buffer);

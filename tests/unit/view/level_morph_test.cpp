@@ -249,8 +249,8 @@ TEST(ProgressiveSurfaces, StillPoseRebuildsOnlyNewRows) {
 
 /// What changes from one picture to the next while the level goes from one to another and nothing else does.
 struct Smoothness {
-  double most_mean = 0;   ///< Largest mean difference of two pictures in a row, of 255.
-  int most_pixel = 0;     ///< Largest difference of a channel.
+  double max_mean = 0;    ///< Largest mean difference of two pictures in a row, of 255.
+  int max_pixel = 0;      ///< Largest difference of a channel.
   double end_to_end = 0;  ///< Mean difference of the first and the last.
   int pictures = 0;
 };
@@ -275,7 +275,7 @@ Smoothness go_over(Renderer& renderer, bool morph, double from, double to, bool 
   Picture last = first;
   while (still.turn(to)) {
     Picture next = picture();
-    result.most_mean = std::max(result.most_mean, testing::mean_difference(last, next, &result.most_pixel));
+    result.max_mean = std::max(result.max_mean, testing::mean_difference(last, next, &result.max_pixel));
     last = std::move(next);
     ++result.pictures;
   }
@@ -290,15 +290,15 @@ TEST_F(SurfacePictures, LevelChangesStayBelowTheBound) {
     const Smoothness jump = go_over(*renderer_, false, from, to), smooth = go_over(*renderer_, true, from, to);
     ASSERT_EQ(jump.pictures, 1);
     EXPECT_NEAR(smooth.end_to_end, jump.end_to_end, 1e-9) << "the same at the end";
-    EXPECT_LE(smooth.most_mean, 0.4) << "of 255, from picture to picture at 60/s, whatever the levels";
-    EXPECT_LE(smooth.most_mean, 0.45 * jump.most_mean);
-    EXPECT_LT(smooth.most_pixel, jump.most_pixel);
+    EXPECT_LE(smooth.max_mean, 0.4) << "of 255, from picture to picture at 60/s, whatever the levels";
+    EXPECT_LE(smooth.max_mean, 0.45 * jump.max_mean);
+    EXPECT_LT(smooth.max_pixel, jump.max_pixel);
   }
   for (const auto& [from, to] :
        {std::pair(0.02, 1.0), std::pair(0.5, 0.05), std::pair(0.3, 1.0), std::pair(1.0, 0.5)}) {
     const Smoothness jump = go_over(*renderer_, false, from, to), quick = go_over(*renderer_, true, from, to, true);
     EXPECT_NEAR(quick.end_to_end, jump.end_to_end, 1e-9);
-    EXPECT_LE(quick.most_mean, 0.4) << "where vertices take as long as their way on the screen needs";
+    EXPECT_LE(quick.max_mean, 0.4) << "where vertices take as long as their way on the screen needs";
     if (from >= 0.3 && to >= 0.3) {
       EXPECT_LE(quick.pictures, 10) << "short ways";
     }

@@ -253,7 +253,7 @@ TEST_F(Render, TransparentPicturesHaveAlpha) {
   for (const std::uint8_t a : picture.alpha) partly += a > 0 && a < 255 ? 1 : 0;
   EXPECT_GT(partly, 100) << "edges and the shadow";
   options_.grid = false;
-  EXPECT_EQ(picture_of(source, scene).alpha, picture.alpha) << "the grid is no part of what is cut out";
+  EXPECT_EQ(picture_of(source, scene).alpha, picture.alpha) << "the grid is not a part of what is cut out";
 }
 
 TEST_F(Render, WireframeHidesTheBack) {

@@ -58,11 +58,12 @@ TEST(Scenes, ManySurfacesStandInRowsBehindOneAnother) {
     const int away = up == Asset::UpAxis::kZ ? 1 : 2;
     const float step = 2.24F, sign = up == Asset::UpAxis::kZ ? 1.0F : -1.0F;
     for (std::size_t i = 0; i < assets.size(); ++i) {
-      const glm::vec3 place(stage.scene.instances()[i].scene_from_surface[3]);
+      const glm::vec3 position(stage.scene.instances()[i].scene_from_surface[3]);
       glm::vec3 wanted{0};
       wanted.x = static_cast<float>(i % 6) * (step + 0.24F);
       wanted[away] = sign * static_cast<float>(i / 6) * step;
-      EXPECT_LT(glm::length(place - wanted), 0.01F) << i << ": " << place.x << ' ' << place.y << ' ' << place.z;
+      EXPECT_LT(glm::length(position - wanted), 0.01F)
+          << i << ": " << position.x << ' ' << position.y << ' ' << position.z;
     }
   }
 }
@@ -131,8 +132,8 @@ TEST_F(ScenePictures, SurfacesAreDrawnWherePlacedOrHidden) {
   camera_.set_view("front");
   frame(stage.scene.facts());
   renderer_->set_surface_count(2);
-  const auto is_clay_at = [&](const Picture& picture, const glm::vec3& place) {
-    const auto px = camera_.pixel_from_scene(place);
+  const auto is_clay_at = [&](const Picture& picture, const glm::vec3& position) {
+    const auto px = camera_.pixel_from_scene(position);
     return testing::is_clay(picture.pixel(static_cast<int>(px->x), static_cast<int>(px->y)));
   };
   for (const bool second_visible : {true, false}) {

@@ -137,7 +137,7 @@ class SplatPictures : public OffscreenPictures {
 
 TEST_F(SplatPictures, SparseCloudsLookLikeTheSurface) {
   const Picture truth = picture_of(ShownHeart(false, 1));
-  for (const auto& [fraction, most_off] : {std::pair(1.0, 8.0), std::pair(0.1, 14.0), std::pair(0.05, 18.0)}) {
+  for (const auto& [fraction, max_off] : {std::pair(1.0, 8.0), std::pair(0.1, 14.0), std::pair(0.05, 18.0)}) {
     const Picture points = picture_of(ShownHeart(true, fraction));
     double surface = 0, holes = 0, outside = 0, off = 0;
     for (int y = 0; y < kHeight; ++y) {
@@ -154,7 +154,7 @@ TEST_F(SplatPictures, SparseCloudsLookLikeTheSurface) {
     }
     EXPECT_LT(holes, 0.01 * surface) << fraction;
     EXPECT_LT(outside, 0.12 * surface) << fraction;
-    EXPECT_LT(off / surface, most_off) << fraction << ", of 255";
+    EXPECT_LT(off / surface, max_off) << fraction << ", of 255";
   }
 }
 

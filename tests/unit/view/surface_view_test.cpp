@@ -282,7 +282,7 @@ TEST(SurfaceViewInterpolated, DelayFollowsTheStreamUnlessGiven) {
   options.playout.mode = PlayoutMode::kInterpolate;
   SurfaceView scene(options);
   constexpr TimeUs kKeyUs = 1'000'000 / 15, kPictureUs = 1'000'000 / 60;
-  const auto place = [&] { return scene.geometry().positions[0]; };
+  const auto position = [&] { return scene.geometry().positions[0]; };
   std::uint64_t keys = 0;
   std::optional<float> last;
   for (TimeUs now = 0; now < 4'000'000; now += kPictureUs) {
@@ -296,9 +296,9 @@ TEST(SurfaceViewInterpolated, DelayFollowsTheStreamUnlessGiven) {
     testing::advance(scene, source, now);
     if (now > 1'000'000) {
       ASSERT_TRUE(last);
-      EXPECT_NEAR(place() - *last, 1.0 / 60, 0.3 / 60) << now;
+      EXPECT_NEAR(position() - *last, 1.0 / 60, 0.3 / 60) << now;
     }
-    last = place();
+    last = position();
   }
 }
 

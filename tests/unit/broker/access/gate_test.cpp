@@ -459,20 +459,20 @@ TEST(LedgerTest, KeepsAccountsInUse) {
 TEST(LedgerTest, LimitsHoldAcrossThreads) {
   constexpr int kThreads = 4, kTries = 2000, kMaxTokens = 3000;
   Ledger ledger;
-  std::atomic<int> places{0}, messages{0};
+  std::atomic<int> admitted{0}, messages{0};
   {
     std::vector<std::jthread> threads;
     for (int i = 0; i < kThreads; ++i) {
       threads.emplace_back([&] {
         const auto account = ledger.account("one", 0);
         for (int k = 0; k < kTries; ++k) {
-          if (account->resources[0].take(kMaxTokens)) ++places;
+          if (account->resources[0].take(kMaxTokens)) ++admitted;
           if (account->messages.take(1, 0.001, kMaxTokens, 0)) ++messages;
         }
       });
     }
   }
-  EXPECT_EQ(places, kMaxTokens);
+  EXPECT_EQ(admitted, kMaxTokens);
   EXPECT_EQ(messages, kMaxTokens);
 }
 

@@ -58,7 +58,7 @@ TEST(ConfigTest, DefaultFileRestoresEveryDefault) {
 TEST(ConfigTest, SettingsAreDocumentedWithUnits) {
   std::set<std::string> seen;
   for (const Setting& setting : settings()) {
-    EXPECT_TRUE(seen.insert(setting.path()).second) << setting.path() << " stands twice";
+    EXPECT_TRUE(seen.insert(setting.path()).second) << setting.path() << " appears twice";
     EXPECT_TRUE(setting.doc.size() > 5 && setting.doc.ends_with('.')) << setting.path();
     EXPECT_TRUE(section_doc(setting.section).ends_with('.')) << setting.section;
     const std::string_view name = setting.name;
@@ -249,7 +249,7 @@ class PathsTest : public ::testing::Test {
   }
   static constexpr const char* kNames[] = {"STATE_DIRECTORY", "XDG_STATE_HOME", "CONFIGURATION_DIRECTORY",
                                            "CREDENTIALS_DIRECTORY"};
-  std::string folder_ = ::testing::TempDir() + "/eigencast-places-" + std::to_string(::getpid());
+  std::string folder_ = ::testing::TempDir() + "/eigencast-config-" + std::to_string(::getpid());
   std::string home_ = std::getenv("HOME") != nullptr ? std::getenv("HOME") : "";
 };
 

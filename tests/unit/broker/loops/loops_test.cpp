@@ -47,8 +47,8 @@ class LoopsTest : public ServiceTest {
   }
   static std::uint32_t wait_for_count(Client& publisher, std::uint32_t count) {
     for (;;) {
-      const auto told = publisher.wait_for<control::Subscribers>().count;
-      if (told == count || publisher.failed()) return told;
+      const auto reported = publisher.wait_for<control::Subscribers>().count;
+      if (reported == count || publisher.failed()) return reported;
     }
   }
 

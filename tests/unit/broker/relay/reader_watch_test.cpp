@@ -13,9 +13,9 @@ constexpr TimeUs kRoundTripUs = 20'000;
 
 TEST(ReaderWatch, ChecksEvery32ndFrame) {
   ReaderWatch watch;
-  int looks = 0;
-  for (int i = 0; i < 320; ++i) looks += watch.note_sent() ? 1 : 0;
-  EXPECT_EQ(looks, 10);
+  int checks = 0;
+  for (int i = 0; i < 320; ++i) checks += watch.note_sent() ? 1 : 0;
+  EXPECT_EQ(checks, 10);
 }
 
 TEST(ReaderWatch, ChecksAreSpreadOverConnections) {

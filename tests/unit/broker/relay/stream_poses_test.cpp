@@ -188,9 +188,9 @@ TEST_F(StreamPosesTest, RestoredBandsTakeOneJoin) {
     ASSERT_TRUE(stream.announce(small_announce(), 1));
     ASSERT_TRUE(stream.add_frame(sender.next(now), now));
     now = kInterval;
-    const std::size_t told = receiver.infos.size();
+    const std::size_t before = receiver.infos.size();
     for (const std::uint8_t bands : {2, 1, 2, 1, 2}) play_on(profile, bands);
-    for (std::size_t i = told; i < receiver.infos.size(); ++i) EXPECT_EQ(receiver.infos[i].epoch, 1u);
+    for (std::size_t i = before; i < receiver.infos.size(); ++i) EXPECT_EQ(receiver.infos[i].epoch, 1u);
   }
 }
 

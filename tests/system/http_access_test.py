@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """What strangers may take and see, asked from outside by HTTP: the limit of downloads, who reads the admin port; how it ends.
 
-    doors_test.py BROKER [-v]
+    http_access_test.py BROKER [-v]
 """
 import http.client
 import pathlib
@@ -43,7 +43,7 @@ def ask(port, method, target, body=None, host="127.0.0.1", source=None, headers=
         connection.close()
 
 
-class Doors(unittest.TestCase):
+class HttpAccess(unittest.TestCase):
     def start(self, *flags):
         broker = Broker(BROKER, *flags)
         self.addCleanup(broker.__exit__)
@@ -87,7 +87,7 @@ class Doors(unittest.TestCase):
 
 
 class Monitors(unittest.TestCase):
-    start = Doors.start
+    start = HttpAccess.start
 
     def test_monitors_read_the_admin_port_and_change_nothing(self):
         own = own_address()

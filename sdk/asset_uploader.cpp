@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sdk/introducer.h"
+#include "sdk/asset_uploader.h"
 
 #include <algorithm>
 #include <iterator>
@@ -63,12 +63,12 @@ Result<void> upload(HttpConnection& http, const EncodedAsset& encoded, const Pro
 
 }  // namespace
 
-Introducer::Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events)
+AssetUploader::AssetUploader(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events)
     : url_(std::move(url)), encoded_(std::move(encoded)), events_(std::move(events)) {
   thread_ = std::thread([this] { guarded_run([this] { run(); }, events_.on_exception); });
 }
 
-void Introducer::begin(std::chrono::milliseconds after) {
+void AssetUploader::begin(std::chrono::milliseconds after) {
   std::unique_lock lock(mutex_);
   due_ = std::chrono::steady_clock::now() + after;
   ++orders_;
@@ -76,14 +76,14 @@ void Introducer::begin(std::chrono::milliseconds after) {
   changed_.notify_all();
 }
 
-void Introducer::cancel() {
+void AssetUploader::cancel() {
   const std::lock_guard lock(mutex_);
   due_.reset();
   ++orders_;
   if (http_) http_->cancel();
 }
 
-void Introducer::stop() {
+void AssetUploader::stop() {
   std::unique_lock lock(mutex_);
   stopping_ = true;
   if (http_) http_->cancel();
@@ -92,7 +92,7 @@ void Introducer::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-void Introducer::run() {
+void AssetUploader::run() {
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [&] { return stopping_ || due_; });

@@ -18,9 +18,9 @@
 
 namespace eigencast {
 
-/// Brings a publisher's asset to the broker each time that begin() is called. Its events are called on a thread of its
+/// Uploads a publisher's asset to the broker each time that begin() is called. Its events are called on a thread of its
 /// own, with no lock held. Thread-safe.
-class Introducer {
+class AssetUploader {
  public:
   struct Events {
     std::function<void(std::uint64_t sent, std::uint64_t total)> on_progress;
@@ -30,10 +30,10 @@ class Introducer {
     std::function<void(const std::string& what)> on_exception;
   };
 
-  Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events);
-  ~Introducer() { stop(); }
-  Introducer(const Introducer&) = delete;
-  Introducer& operator=(const Introducer&) = delete;
+  AssetUploader(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events);
+  ~AssetUploader() { stop(); }
+  AssetUploader(const AssetUploader&) = delete;
+  AssetUploader& operator=(const AssetUploader&) = delete;
 
   void begin(std::chrono::milliseconds after);
   void cancel();
