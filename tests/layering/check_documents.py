@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Checks every Markdown page of the tree. Usage: check_documents.py ROOT
+"""Checks every Markdown page of the tree, and that C and C++ sources fit in 120 columns. Usage: check_documents.py ROOT
 
 Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree, headers and files of a
 room that a page names exist, docs/architecture.md names every folder, and pages that sources refer to exist.
@@ -58,6 +58,14 @@ def width_faults(text):
             yield f"line {number}: {len(line)} columns"
 
 
+def source_width_faults(files):
+    for file in files:
+        if file.suffix in (".c", ".cpp", ".h", ".hpp") and (ROOT / file).is_file():
+            for number, line in enumerate((ROOT / file).read_text(encoding="utf-8").splitlines(), 1):
+                if len(line) > WIDTH:
+                    yield f"{file}:{number}: {len(line)} columns"
+
+
 def path_faults(text, top):
     """Paths below a folder of the tree's root; an extension may be left out."""
     for name in sorted(set(re.findall(rf"(?<![\w./~-])(?:{'|'.join(map(re.escape, top))})/[\w./*-]*[\w*]", text))):
@@ -109,7 +117,7 @@ def main():
     files = tracked()
     top = sorted({file.parts[0] for file in files if len(file.parts) > 1})
     headers = {file.name for file in files if file.suffix == ".h"}
-    faults = [*unnamed_folders(files), *reference_faults(files)]
+    faults = [*unnamed_folders(files), *reference_faults(files), *source_width_faults(files)]
     pages = [file for file in files if file.suffix == ".md"]
     for page in pages:
         text = (ROOT / page).read_text(encoding="utf-8")

@@ -76,8 +76,8 @@ EC_API int64_t ec_now_us(void);
 /** A surface in the form that can be streamed: spectral basis, order of its levels of detail, faces. Immutable. */
 typedef struct ec_asset ec_asset;
 
-/** Reports how far a bake is (0..1) and what it does. Called on the thread that bakes. Returns 0 to go on, anything else
- * to cancel. */
+/** Reports how far a bake is (0..1) and what it does. Called on the thread that bakes. Returns 0 to go on, anything
+ * else to cancel. */
 typedef int (*ec_progress)(void* user, double fraction, const char* stage);
 
 /** The appearance of a surface: colours of its vertices, an image on its faces, or both: viewers show the product. */

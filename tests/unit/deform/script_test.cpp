@@ -68,7 +68,8 @@ TEST(Script, AppliesMovesInOrder) {
   const Script script = script_from(R"({"moves": [
     {"move": "translate", "handles": [0, 3], "keys": [{"at": 0, "by": [0, 0, 0]}, {"at": 2, "by": [1, 2, 3]}]},
     {"move": "scale", "centre": [0, 0, 0], "keys": [{"at": 0, "by": [2, 2, 2]}]},
-    {"move": "translate", "handles": {"low": [-9, 1.9, -9], "high": [9, 9, 9]}, "keys": [{"at": 0, "by": [0, 10, 0]}]}]})");
+    {"move": "translate", "handles": {"low": [-9, 1.9, -9], "high": [9, 9, 9]},
+     "keys": [{"at": 0, "by": [0, 10, 0]}]}]})");
   EXPECT_EQ(script.duration_s(), 2);
   EXPECT_FALSE(script.loops());
   const std::vector<Vec3> end = script.handles_at(5);

@@ -82,8 +82,9 @@ TEST(Control, GoldenMessagesRoundTrip) {
 }
 
 TEST(Control, SixtyFourBitIntegersAreExact) {
-  const auto ack = control_from_text(
-      R"({"op":"ack","items":[{"stream_id":4294967295,"sequence":9007199254740993,"step":255}],"time_us":4611686018427387903})");
+  const auto ack =
+      control_from_text(R"({"op":"ack","items":[{"stream_id":4294967295,"sequence":9007199254740993,"step":255}],)"
+                        R"("time_us":4611686018427387903})");
   ASSERT_TRUE(ack) << ack.error().message;
   EXPECT_EQ(std::get<Ack>(*ack).items[0].sequence, 9007199254740993u);
   EXPECT_EQ(std::get<Ack>(*ack).time_us, 4611686018427387903);
@@ -179,7 +180,7 @@ TEST(Control, SizeAndDepthAreCapped) {
   EXPECT_EQ(control_from_text(nested(limits::kMaxControlDepth)).error().code, ErrorCode::kTooLarge);
   EXPECT_EQ(control_from_text(std::string(60'000, '[')).error().code, ErrorCode::kTooLarge);
   EXPECT_TRUE(control_from_text(R"({"op":"bye","reason":"[[[[[[[[[[[[\"{{{{{{{{{{{{"})"))
-      << "brackets in strings are no nesting";
+      << "brackets in strings do not nest";
 
   Ack ack;
   ack.items.resize(limits::kMaxAcksPerMessage);
