@@ -53,7 +53,7 @@ class Subscriber {
     std::uint64_t skipped = 0;  ///< Frames that newer ones overtook in the broker, as its notices say.
     std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
     std::uint64_t reconnects = 0;
-    std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< To the broker.
+    std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< Relate to the broker.
     Histogram latency_us;  ///< Arrival minus capture time, for a sender on this machine's clock.
   };
 

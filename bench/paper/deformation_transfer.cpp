@@ -9,7 +9,7 @@ namespace {
 
 using Vector = Eigen::Vector3d;
 
-// Of the mean diagonal: vertices hang on the base by so little that it decides only where the whole stands.
+// Scales the mean diagonal: vertices hang on the base by so little that it only fixes the whole's position.
 constexpr double kAttachment = 1e-6;
 
 Vector vector_of(const Vec3& v) {

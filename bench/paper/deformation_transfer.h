@@ -28,8 +28,8 @@ class DeformationTransfer {
 
   std::vector<Face> faces_;
   std::vector<Vec3> detailed_;
-  std::vector<Eigen::Matrix3d> inverse_frames_;  ///< Of the base's triangles at rest; zero where they have no area.
-  std::vector<std::array<double, 3>> half_cotangents_;  ///< Of the detailed triangles' corners.
+  std::vector<Eigen::Matrix3d> inverse_frames_;         ///< Belong to the base's triangles at rest; zero: no area.
+  std::vector<std::array<double, 3>> half_cotangents_;  ///< Belong to the detailed triangles' corners.
   double attachment_ = 0;
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> system_;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // check_golden.mjs FOLDER [--undamaged]: decodes every *.frames of a folder as tests/golden is, compares with the *.jsonl beside it,
-// and, unless told otherwise, makes sure that no truncation or extension of a frame is taken.
+// and, by default, makes sure that no truncation or extension of a frame is taken.
 import { readdirSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { FrameDecoder, ProtocolError } from './frames.mjs';

@@ -102,7 +102,7 @@ class Machine:
                 "sh", "-ec", f"cd; {text}"]
 
     def run(self, text, check=True, timeout=240):
-        """What a shell of root says, at home, when told `text`."""
+        """What a shell of root says, at home, to `text`."""
         done = subprocess.run(self.command(text), capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL)
         if check and done.returncode != 0:
             raise AssertionError(f"{self.name}: {text}\nended with {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}")

@@ -19,7 +19,7 @@ class ImpairedRelay {
  public:
   struct Options {
     std::uint16_t target_port = 0;  ///< On 127.0.0.1.
-    std::uint16_t port = 0;         ///< To listen on, on 127.0.0.1; 0: any free one.
+    std::uint16_t port = 0;         ///< Listens on 127.0.0.1; 0: any free one.
     Impairment to_target;           ///< From the client to the target.
     Impairment from_target;         ///< And back.
     TimeUs max_queued_us =

@@ -125,7 +125,7 @@ class Loops(unittest.TestCase):
                 self.assertEqual(got, sequence)
 
     def stop(self, peers, by_order=False):
-        """All of them are told, and the broker ends."""
+        """All of them get a notice, and the broker ends."""
         if by_order:
             self.ask("/api/drain", order=True)
         else:

@@ -219,7 +219,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   const double cpu_start = seconds_of(CLOCK_PROCESS_CPUTIME_ID);
   if (sending) sending->begin(begin_us);
   if (load) load->begin();
-  // Of a sender elsewhere the clock is not known: all that comes from now on counts.
+  // The clock of a sender elsewhere is not known: all that comes from now on counts.
   if (watching) watching->begin(inputs.mode == "loop" ? begin_us : 1);
   sleep(begin_us + static_cast<TimeUs>(inputs.duration_s * 1e6), begin_us);
   const TimeUs end_us = steady_now_us();

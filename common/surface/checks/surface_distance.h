@@ -29,7 +29,7 @@ class SurfaceDistance {
   struct Node {
     Box box;
     std::uint32_t first =
-        0;  ///< Of the leaf's entries in order_; of an inner node: its right child, the left one is the next node.
+        0;  ///< A leaf's first entry in order_; an inner node's right child: the left one is the next node.
     std::uint32_t count = 0;  ///< 0: an inner node.
   };
   std::uint32_t build(std::span<std::uint32_t> entries, std::span<const Vec3> centres);

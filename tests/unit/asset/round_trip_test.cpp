@@ -181,7 +181,7 @@ TEST(AssetReader, DetailArrivesWithItsRowsOrNotAtAll) {
     ASSERT_TRUE(reader->add_chunk(c, encoded->chunks[c].bytes));
     EXPECT_EQ(reader->asset().detail.size(), reader->asset().rows_ready);
   }
-  // Of fewer bands there is none, and without the detail of one chunk none of any.
+  // With fewer bands there is none, and without the detail of one chunk none of any.
   auto one_band = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes, 1);
   ASSERT_TRUE(one_band && one_band->add_chunk(0, encoded->chunks[0].bytes));
   EXPECT_EQ(one_band->asset().detail.size(), 0u);

@@ -126,9 +126,9 @@ struct Flight {
   double mean_level = 0;
   double wobble = 0;                      ///< Mean |change of V| / V over the last quarter.
   bool was_full = true;                   ///< Every frame of the last quarter at full detail.
-  std::vector<double> t, level, seconds;  ///< Of each frame: when it was done, part of all vertices, work.
+  std::vector<double> t, level, seconds;  ///< One for each frame: when it was done, part of all vertices, work.
 
-  double slowest_percentile(double percent) const {  ///< Of the work after the first second.
+  double slowest_percentile(double percent) const {  ///< Covers the work after the first second.
     std::vector<double> sorted;
     for (std::size_t i = 0; i < t.size(); ++i) {
       if (t[i] > 1) sorted.push_back(seconds[i]);

@@ -6,7 +6,7 @@
 namespace eigencast::latency {
 namespace {
 
-constexpr TimeUs kBrokerAhead = 7'000'000;   // Of the sender's clock.
+constexpr TimeUs kBrokerAhead = 7'000'000;   // Ahead of the sender's clock.
 constexpr TimeUs kViewerBehind = 2'000'000;  // Behind the broker's.
 
 TimeUs us(const StagedPose& pose, Stage stage) {

@@ -12,7 +12,7 @@ namespace eigencast {
 namespace {
 
 constexpr TimeUs kClockInterval = 40 * kMs;
-constexpr TimeUs kZero = 7'000'000'000;  // Of the sender's clock.
+constexpr TimeUs kZero = 7'000'000'000;  // On the sender's clock.
 
 TEST(PlayoutClock, SlewStaysWithinFivePercent) {
   std::mt19937 random(7);

@@ -138,7 +138,7 @@ TEST(Playout, WrongEstimateIsCorrectedWithBoundedVelocity) {
   // Even motion that stops: the overshoot must be corrected.
   for (const auto mode : {PlayoutMode::kEstimate, PlayoutMode::kInterpolate}) {
     Playout playout = player(mode);
-    const double per_ms = 0.001;  // Of the motion, in the pose's units.
+    const double per_ms = 0.001;  // The motion's speed, in the pose's units.
     const auto truth = [&](TimeUs t_us) { return per_ms * static_cast<double>(std::min(t_us, 2'000 * kMs) / kMs); };
     double shown = 0, max_wrong = 0;
     bool settled = false;

@@ -28,7 +28,7 @@ std::unique_ptr<Subscriber> watch(const std::string& url, const std::string& ide
   options.url = url;
   options.profile = Profile{.rate = Profile::Rate::kRaw};
   options.declined_retry = milliseconds(100);
-  options.credentials.ca_file = identity;  // Of no effect without TLS.
+  options.credentials.ca_file = identity;  // Has no effect without TLS.
   auto made = Subscriber::create(std::move(options));
   EXPECT_TRUE(made) << made.error().message;
   return std::move(*made);

@@ -130,7 +130,7 @@ class ScriptedBroker {
   boost::asio::io_context loop_;
   Tcp::acceptor acceptor_;
   std::thread acceptor_thread_;
-  std::list<std::thread> threads_;  ///< Of the acceptor's thread, then of the destructor's.
+  std::list<std::thread> threads_;  ///< Belongs to the acceptor's thread, then to the destructor's.
   std::mutex mutex_;
   std::vector<std::string> targets_;      ///< GUARDED_BY(mutex_)
   std::vector<std::string> tokens_;       ///< GUARDED_BY(mutex_)

@@ -16,7 +16,7 @@ using testing::round_trip;
 using testing::uniform;
 using testing::worst_error;
 
-constexpr double kRounding = 1e-6;  // what is told apart, times what adds up over the columns
+constexpr double kRounding = 1e-6;  // what is distinguished, times what adds up over the columns
 
 Vec3 moved_by(const Eigen::Matrix<double, 3, 4>& B, const Vec3& p) {
   const Eigen::Vector3d q = B * Eigen::Vector4d(p[0], p[1], p[2], 1);

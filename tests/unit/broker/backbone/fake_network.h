@@ -142,7 +142,7 @@ class FakeLink final : public Link {
   Listener* listener_ = nullptr;
   std::vector<std::shared_ptr<Heard>> heard_;
   bool connected_ = true;
-  int table_ = 0;  ///< Of network_.tables.
+  int table_ = 0;  ///< Indexes network_.tables.
 };
 
 }  // namespace eigencast::broker::testing

@@ -41,7 +41,7 @@ enum class Manner {
   kTalksNonsense
 };
 
-/// A NATS server on loopback that treats its first connections as told, and takes all later ones.
+/// A NATS server on loopback that treats its first connections as the test says, and takes all later ones.
 class NatsPeer {
  public:
   explicit NatsPeer(std::vector<Manner> manners) : manners_(manners.begin(), manners.end()) {
