@@ -152,9 +152,10 @@ class BrokerMetrics {
 
   void storage() {
     const Counters& counters = statistics_.counters;
-    gauge("asset_bytes", "Bytes in the asset store, uploads under way included.", context_.assets.total_bytes());
+    gauge("asset_bytes", "What the asset store takes of its quota, uploads under way included.",
+          context_.assets.total_bytes());
     gauge("asset_quota_bytes", "assets.max_total_bytes.", context_.assets.settings().max_total_bytes);
-    gauge("asset_objects", "Objects in the asset store.", context_.assets.objects());
+    gauge("asset_objects", "Objects in the asset store, uploads under way included.", context_.assets.objects());
     counter("assets_evicted_total", "Objects removed to make room.", context_.assets.evicted());
     gauge("uploads", "Uploads under way.", counters.uploads_now);
     counter("uploads_total", "Assets taken.", counters.uploads);

@@ -11,8 +11,10 @@
 #include <chrono>
 #include <cstring>
 #include <filesystem>
+#include <random>
 #include <system_error>
-#include <unordered_map>
+#include <thread>
+#include <unordered_set>
 #include <utility>
 
 #include "broker/relay/stream.h"
@@ -29,13 +31,14 @@ Error io_error(const std::string& what, int number) {
   return fail(ErrorCode::kIo, std::move(message));
 }
 
-constexpr std::uint64_t kMaxListBytes = 32u << 20;  ///< Manifests are far smaller.
+constexpr std::uint64_t kMaxListBytes = 4u << 20;  ///< Manifests are far smaller.
+constexpr std::size_t kSearchedAtOnce = 16u << 10;
 /// Period of updates of a file's times, which keep its last use across restarts.
 constexpr TimeUs kTouchUs = 60'000'000;
 
 Result<void> sync_folder(const std::string& path) {
   const FileHandle folder(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return io_error(path, errno);
+  if (folder.get() < 0 || ::fsync(folder.get()) != 0) return io_error("syncing the asset store", errno);
   return {};
 }
 
@@ -64,27 +67,39 @@ Result<void> AssetStore::prepare() {
   fs::remove_all(root_ + "/uploading", error);
   fs::create_directories(root_ + "/uploading", error);
   if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
-  for (fs::directory_iterator it(root_, error), end; !error && it != end; it.increment(error)) {
-    if (it->path().filename() != "uploading" && it->is_directory(error)) find_objects(it->path().string());
-  }
-  if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
-  for (const auto& [id, entry] : entries_) total_bytes_ += entry.size;
-  return {};
-}
-
-void AssetStore::find_objects(const std::string& folder) {
   const TimeUs now_us = steady_now_us();
   const auto wall =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch());
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+  std::vector<std::pair<TimeUs, Sha256>> found;
+  for (fs::recursive_directory_iterator it(root_, fs::directory_options::skip_permission_denied, error), end;
+       !error && it != end; it.increment(error)) {
     const auto id = Sha256::from_hex(it->path().filename().string());
     struct stat status = {};
     if (!id || ::stat(it->path().c_str(), &status) != 0 || !S_ISREG(status.st_mode)) continue;
     // A file from the future (after a clock step) counts as used now.
-    const TimeUs age_us = std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
-    entries_[*id] = {static_cast<std::uint64_t>(status.st_size), now_us - age_us, now_us - age_us};
+    const TimeUs used_us = now_us - std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    if (!entries_.try_emplace(*id, Entry{.size = size, .used_us = used_us, .touched_us = used_us}).second) continue;
+    found.emplace_back(used_us, *id);
+    total_bytes_ += charge_of(size);
   }
+  if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
+  objects_ = found.size();
+  std::sort(found.begin(), found.end());
+  for (const auto& [used_us, id] : found) entries_.at(id).order = order_.insert(order_.end(), id);
+  return {};
+}
+
+std::size_t AssetStore::IdHash::operator()(const Sha256& id) const {
+  static const std::uint64_t key = (std::uint64_t{std::random_device{}()} << 32 | std::random_device{}()) | 1;
+  std::uint64_t prefix = 0;
+  std::memcpy(&prefix, id.digest.data(), sizeof prefix);
+  return static_cast<std::size_t>(prefix * key >> 16);
+}
+
+void AssetStore::use(Entry& entry, TimeUs now_us) const {
+  entry.used_us = now_us;
+  order_.splice(order_.end(), order_, entry.order);
 }
 
 std::string AssetStore::path_of(const Sha256& id) const {
@@ -96,13 +111,8 @@ bool AssetStore::contains(const Sha256& id) const {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(id);
   if (found == entries_.end()) return false;
-  found->second.used_us = steady_now_us();  // The caller is about to announce it.
+  use(found->second, steady_now_us());  // The caller is about to announce it.
   return true;
-}
-
-std::size_t AssetStore::objects() const {
-  const std::lock_guard lock(mutex_);
-  return entries_.size();
 }
 
 Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
@@ -112,7 +122,7 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(id);
     if (found == entries_.end()) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
-    found->second.used_us = now_us;
+    use(found->second, now_us);
     touch = now_us - found->second.touched_us > kTouchUs;
     if (touch) found->second.touched_us = now_us;
   }
@@ -164,70 +174,67 @@ Result<std::vector<Sha256>> AssetStore::references_of(const Sha256& id) const {
   if (object->size < id.digest.size() || object->size > kMaxListBytes) return found;
   const auto content = bytes_of(id);
   if (!content) return content.error();
-  const Bytes& bytes = *content;
-  const auto prefix_of = [](const std::uint8_t* digest) {
-    std::uint64_t prefix = 0;
-    std::memcpy(&prefix, digest, sizeof prefix);
-    return prefix;
-  };
-  std::unordered_multimap<std::uint64_t, Sha256> known;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [other, entry] : entries_) known.emplace(prefix_of(other.digest.data()), other);
-  }
-  for (std::size_t at = 0; at + id.digest.size() <= bytes.size(); ++at) {
-    const auto [first, last] = known.equal_range(prefix_of(bytes.data() + at));
-    for (auto it = first; it != last; ++it) {
-      if (std::memcmp(it->second.digest.data(), bytes.data() + at, id.digest.size()) == 0) found.push_back(it->second);
+  const std::size_t ends = content->size() - id.digest.size() + 1;
+  std::unordered_set<Sha256, IdHash> seen;
+  Sha256 part;
+  for (std::size_t at = 0; at < ends; std::this_thread::sleep_for(std::chrono::microseconds(50))) {
+    const std::lock_guard lock(mutex_);  // For a part at a time: contains() waits for it.
+    for (const std::size_t stop = std::min(ends, at + kSearchedAtOnce); at < stop; ++at) {
+      std::copy_n(content->data() + at, part.digest.size(), part.digest.begin());
+      const auto entry = entries_.find(part);
+      if (entry == entries_.end() || !seen.insert(part).second) continue;
+      use(entry->second, steady_now_us());
+      found.push_back(part);
     }
   }
   return found;
 }
 
-std::set<Sha256> AssetStore::needed() const {
-  std::set<Sha256> all;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [stream, asset] : used_by_stream_) all.insert(asset);
-  }
-  for (const Sha256& asset : std::vector<Sha256>(all.begin(), all.end())) {
-    const auto parts = references_of(asset);
-    if (parts) all.insert(parts->begin(), parts->end());
-  }
-  return all;
+bool AssetStore::is_over() const {
+  return total_bytes_ > settings_.max_total_bytes || objects_ > settings_.max_objects;
 }
 
 void AssetStore::make_room() {
   const std::lock_guard one_at_a_time(evicting_);
-  const std::set<Sha256> keep = needed();
   const TimeUs now_us = steady_now_us();
-  std::vector<std::pair<TimeUs, Sha256>> idle;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [id, entry] : entries_) {
-      if (!keep.contains(id) && now_us - entry.used_us >= settings_.min_idle_us) idle.emplace_back(entry.used_us, id);
-    }
-  }
-  std::sort(idle.begin(), idle.end());
-  for (const auto& [used_us, id] : idle) {
-    if (total_bytes_ <= settings_.max_total_bytes) return;
-    evict(id, used_us);
-  }
+  if (is_over()) use_needed(now_us);
+  while (is_over() && evict_oldest(now_us)) continue;
 }
 
-void AssetStore::evict(const Sha256& id, TimeUs used_us) {
+void AssetStore::use_needed(TimeUs now_us) {
+  std::vector<Sha256> due;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [stream, asset] : used_by_stream_) {
+      const auto entry = entries_.find(asset);
+      if (entry == entries_.end() || now_us - entry->second.searched_us < settings_.min_idle_us) continue;
+      // Several streams may use it.
+      if (std::exchange(entry->second.searched_us, now_us) != now_us) due.push_back(asset);
+    }
+  }
+  for (const Sha256& asset : due) (void)references_of(asset);
+}
+
+bool AssetStore::evict_oldest(TimeUs now_us) {
   const std::string aside = temporary_path();
   {
     const std::lock_guard lock(mutex_);
-    const auto entry = entries_.find(id);
-    if (entry == entries_.end() || entry->second.used_us != used_us) return;  // Used meanwhile.
+    if (order_.empty()) return false;
+    const auto entry = entries_.find(order_.front());
+    if (now_us - entry->second.used_us <= settings_.min_idle_us) return false;
     // Freeing a large file takes long and contains() waits for the lock: unlink after it.
-    if (::rename(path_of(id).c_str(), aside.c_str()) != 0 && errno != ENOENT) return;
-    total_bytes_ -= entry->second.size;
+    if (::rename(path_of(entry->first).c_str(), aside.c_str()) != 0 && errno != ENOENT) {
+      use(entry->second, now_us);  // The next one first.
+      return true;
+    }
+    total_bytes_ -= charge_of(entry->second.size);
+    --objects_;
+    order_.pop_front();
     entries_.erase(entry);
     ++evicted_;
   }
   ::unlink(aside.c_str());  // Downloads in progress keep their open file.
+  return true;
 }
 
 Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, std::uint64_t size) {
@@ -236,12 +243,17 @@ Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, st
   const std::lock_guard lock(mutex_);
   const auto known = entries_.find(id);
   if (known != entries_.end() && ::access(path.c_str(), F_OK) == 0) {
-    known->second.used_us = now_us;
+    use(known->second, now_us);
     return false;
   }
-  if (::rename(verified.c_str(), path.c_str()) != 0) return io_error(path, errno);
-  if (known != entries_.end()) total_bytes_ -= known->second.size;  // Its file was removed by others.
-  entries_[id] = {size, now_us, now_us};
+  if (::rename(verified.c_str(), path.c_str()) != 0) return io_error("keeping asset " + id.hex(), errno);
+  if (known != entries_.end()) {  // Its file was removed by others.
+    total_bytes_ -= charge_of(known->second.size);
+    --objects_;
+    order_.erase(known->second.order);
+    entries_.erase(known);
+  }
+  entries_[id] = {.size = size, .used_us = now_us, .touched_us = now_us, .order = order_.insert(order_.end(), id)};
   return true;
 }
 
@@ -250,19 +262,35 @@ std::string AssetStore::temporary_path() {
 }
 
 Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id) {
-  std::string path = temporary_path();
-  FileHandle file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
-  if (file.get() < 0) return io_error(path, errno);
-  return std::unique_ptr<Upload>(new Upload(*this, id, std::move(path), std::move(file)));
+  std::unique_ptr<Upload> upload(new Upload(*this, id));
+  if (auto room = upload->grow(0); !room) return room.error();
+  upload->path_ = temporary_path();
+  upload->file_ = FileHandle(::open(upload->path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
+  if (upload->file_.get() < 0) return io_error("writing asset " + id.hex(), errno);
+  return upload;
 }
 
-AssetStore::Upload::Upload(AssetStore& store, const Sha256& expected, std::string path, FileHandle file)
-    : store_(store), expected_(expected), path_(std::move(path)), file_(std::move(file)) {}
+AssetStore::Upload::Upload(AssetStore& store, const Sha256& expected) : store_(store), expected_(expected) {
+  ++store_.objects_;
+}
 
 AssetStore::Upload::~Upload() {
   if (kept_) return;
   ::unlink(path_.c_str());
-  store_.total_bytes_ -= size_;
+  store_.total_bytes_ -= charge_;
+  --store_.objects_;
+}
+
+Result<void> AssetStore::Upload::grow(std::uint64_t bytes) {
+  size_ += bytes;
+  store_.total_bytes_ += charge_of(size_) - charge_;
+  charge_ = charge_of(size_);
+  if (store_.is_over()) store_.make_room();
+  if (!store_.is_over()) return {};
+  return fail(ErrorCode::kIo, "the asset store is full of what streams use or used a moment ago: " +
+                                  std::string("assets.max_total_bytes = ") +
+                                  std::to_string(store_.settings_.max_total_bytes) +
+                                  ", assets.max_objects = " + std::to_string(store_.settings_.max_objects));
 }
 
 Result<void> AssetStore::Upload::write(ByteView data) {
@@ -270,15 +298,7 @@ Result<void> AssetStore::Upload::write(ByteView data) {
     return fail(ErrorCode::kTooLarge, "the object is over " + std::to_string(store_.settings_.max_object_bytes) +
                                           " bytes, the most that assets.max_object_bytes allows");
   }
-  size_ += data.size();
-  const std::uint64_t max = store_.settings_.max_total_bytes;
-  if ((store_.total_bytes_ += data.size()) > max) store_.make_room();
-  if (store_.total_bytes_ > max) {
-    return fail(ErrorCode::kIo,
-                "the asset store is full of what streams use or used a moment ago: "
-                "assets.max_total_bytes is " +
-                    std::to_string(max));
-  }
+  if (auto room = grow(data.size()); !room) return room;
   hash_.update(data);
   while (!data.empty()) {
     const ssize_t count = ::write(file_.get(), data.data(), data.size());
@@ -300,9 +320,9 @@ Result<bool> AssetStore::Upload::commit() {
   if (::mkdir(folder.c_str(), 0755) == 0) {
     if (auto synced = sync_folder(store_.root_); !synced) return synced.error();
   } else if (errno != EEXIST) {
-    return io_error(folder, errno);
+    return io_error("keeping asset " + expected_.hex(), errno);
   }
-  if (::fsync(file_.get()) != 0) return io_error(path_, errno);
+  if (::fsync(file_.get()) != 0) return io_error("syncing asset " + expected_.hex(), errno);
   const auto admitted = store_.admit(expected_, path_, size_);
   kept_ = admitted && *admitted;
   if (!admitted) return admitted;

@@ -3,13 +3,15 @@
 
 #include <atomic>
 #include <cstdint>
+#include <limits>
+#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <vector>
 
 #include "broker/relay/stream.h"
@@ -20,12 +22,19 @@
 
 namespace eigencast::broker {
 
+/// What an object takes of the quota: blocks of the disk, and a share for its inode, its name and its entry in memory.
+constexpr std::uint64_t charge_of(std::uint64_t bytes) {
+  constexpr std::uint64_t kBlockBytes = 4096, kEntryBytes = 512;
+  return (bytes + kBlockBytes - 1) / kBlockBytes * kBlockBytes + kEntryBytes;
+}
+
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. Visible objects are complete and verified.
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
 /// When an upload needs space, the least recently used objects that no stream uses are evicted. A stream uses the asset
 /// that it announced and every object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at
-/// worst too many (after Boehm and Weiser, "Garbage collection in an uncooperative environment", 1988).
+/// worst too many (after Boehm and Weiser, "Garbage collection in an uncooperative environment", 1988). Each used asset
+/// is searched once per min_idle_us, which counts as a use of what it names; all else costs the same for any number.
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -33,7 +42,8 @@ class AssetStore final : public StreamTap {
  public:
   struct Settings {
     std::uint64_t max_object_bytes = 256u << 20;
-    std::uint64_t max_total_bytes = std::uint64_t{16} << 30;
+    std::uint64_t max_total_bytes = std::uint64_t{16} << 30;  ///< Of charge_of().
+    std::uint64_t max_objects = 100'000;
     /// Objects used within this time stay: a sender uploads its chunks before it announces them (default: 60 s).
     TimeUs min_idle_us = 60'000'000;
   };
@@ -50,13 +60,15 @@ class AssetStore final : public StreamTap {
 
    private:
     friend class AssetStore;
-    Upload(AssetStore& store, const Sha256& expected, std::string path, FileHandle file);
+    Upload(AssetStore& store, const Sha256& expected);
+    Result<void> grow(std::uint64_t bytes);  ///< Charges for them.
     AssetStore& store_;
     Sha256 expected_;
     std::string path_;
-    FileHandle file_;
+    FileHandle file_{};
     Sha256Stream hash_;
     std::uint64_t size_ = 0;
+    std::uint64_t charge_ = 0;
     bool kept_ = false;
   };
 
@@ -71,7 +83,7 @@ class AssetStore final : public StreamTap {
   bool contains(const Sha256& id) const;
   /// Errors: kNotFound, kIo.
   Result<Object> read(const Sha256& id) const;
-  /// Errors: kIo.
+  /// Errors: kIo (also a full store).
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
 
   /// Protects the asset that `stream` uses and its objects from eviction. Nothing: the stream is removed.
@@ -83,11 +95,13 @@ class AssetStore final : public StreamTap {
 
   /// Errors: kNotFound, kIo.
   Result<Bytes> bytes_of(const Sha256& id) const;
-  /// The stored objects whose ids occur in object `id`, in order of occurrence. Errors: kNotFound, kIo.
+  /// The stored objects whose ids occur in object `id`, once each, in order of occurrence. Counts as a use of them.
+  /// Errors: kNotFound, kIo.
   Result<std::vector<Sha256>> references_of(const Sha256& id) const;
 
-  std::uint64_t total_bytes() const { return total_bytes_; }
-  std::size_t objects() const;
+  // Visible objects and uploads so far.
+  std::uint64_t total_bytes() const { return total_bytes_; }  ///< As charged.
+  std::uint64_t objects() const { return objects_; }
   std::uint64_t evicted() const { return evicted_; }
   const Settings& settings() const { return settings_; }
 
@@ -96,15 +110,23 @@ class AssetStore final : public StreamTap {
     std::uint64_t size = 0;
     TimeUs used_us = 0;     ///< On the steady clock; negative for uses before this process.
     TimeUs touched_us = 0;  ///< Last update of the file's times.
+    TimeUs searched_us = std::numeric_limits<TimeUs>::min() / 2;  ///< Last search for its references.
+    std::list<Sha256>::iterator order{};
+  };
+  /// Keyed: senders choose ids, and could choose them for one bucket.
+  struct IdHash {
+    std::size_t operator()(const Sha256& id) const;
   };
   AssetStore(std::string root, const Settings& settings, FileHandle lock);
   Result<void> prepare();
-  void find_objects(const std::string& folder);
   std::string path_of(const Sha256& id) const;
-  std::set<Sha256> needed() const;
+  void use(Entry& entry, TimeUs now_us) const;  ///< REQUIRES: mutex_.
+  bool is_over() const;
   /// Evicts objects until the store is within its quota or none is idle.
   void make_room();
-  void evict(const Sha256& id, TimeUs used_us);  ///< Unless it was used since.
+  /// Counts what streams use as used.
+  void use_needed(TimeUs now_us);
+  bool evict_oldest(TimeUs now_us);  ///< False: none is idle.
   /// Makes a verified file an object. False: it existed; counts as a use.
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size);
   std::string temporary_path();  ///< In the folder that open() empties.
@@ -113,11 +135,13 @@ class AssetStore final : public StreamTap {
   Settings settings_;
   FileHandle lock_;
   mutable std::mutex mutex_;
-  mutable std::map<Sha256, Entry> entries_;                    // GUARDED_BY(mutex_)
+  mutable std::unordered_map<Sha256, Entry, IdHash> entries_;  // GUARDED_BY(mutex_)
+  mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)
   std::map<std::string, Sha256, std::less<>> used_by_stream_;  // GUARDED_BY(mutex_)
   std::mutex evicting_;                                        ///< Serialises make_room().
   std::atomic<std::uint64_t> evicted_{0};
-  std::atomic<std::uint64_t> total_bytes_{0};  ///< Visible objects and uploads so far.
+  std::atomic<std::uint64_t> total_bytes_{0};
+  std::atomic<std::uint64_t> objects_{0};
   std::atomic<std::uint64_t> temporaries_{0};  ///< Counter for file names.
 };
 

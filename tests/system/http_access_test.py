@@ -1,15 +1,24 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What strangers may take and see, asked from outside by HTTP: the limit of downloads, who reads the admin port; how it ends.
+"""What strangers may take, keep and see, asked from outside by HTTP: assets, who reads the admin port; how it ends.
 
     http_access_test.py BROKER [-v]
 """
+import base64
+import contextlib
+import hashlib
+import hmac
 import http.client
+import itertools
+import json
+import os
 import pathlib
 import shutil
 import signal
 import socket
+import subprocess
 import sys
+import tempfile
 import time
 import unittest
 
@@ -43,11 +52,79 @@ def ask(port, method, target, body=None, host="127.0.0.1", source=None, headers=
         connection.close()
 
 
+def asset_of(body):
+    return "/v1/assets/" + hashlib.sha256(body).hexdigest()
+
+
+def signed_token(secret, claims):
+    text = lambda raw: base64.urlsafe_b64encode(raw).rstrip(b"=")
+    signed = b".".join(text(json.dumps(part).encode()) for part in ({"alg": "HS256"}, claims))
+    return (signed + b"." + text(hmac.digest(secret.encode(), signed, "sha256"))).decode()
+
+
+class SlowUpload:
+    """An upload that is begun and not finished; reads its answer, 100 if the broker waits for the rest."""
+
+    def __init__(self, port, token=None):
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=60)
+        head = ["PUT " + asset_of(b"never sent") + " HTTP/1.1", "Host: localhost", "Content-Length: 1000000", "Expect: 100-continue"]
+        if token:
+            head.append("Authorization: Bearer " + token)
+        self.socket.sendall(("\r\n".join(head) + "\r\n\r\n").encode())
+        first = self.socket.recv(4096)
+        self.status = int(first.split()[1])
+        self.answer = (first if self.status == 100 else first + self.rest()).decode()
+
+    def rest(self):
+        return b"".join(iter(lambda: self.socket.recv(4096), b""))
+
+    def trickle(self):
+        """Sends a byte now and then until the broker answers, and returns its answer."""
+        while True:
+            self.socket.settimeout(0.05)
+            with contextlib.suppress(TimeoutError):
+                first = self.socket.recv(4096)
+                self.socket.settimeout(60)
+                return (first + self.rest()).decode()
+            self.socket.sendall(b"x")
+
+
 class HttpAccess(unittest.TestCase):
     def start(self, *flags):
-        broker = Broker(BROKER, *flags)
-        self.addCleanup(broker.__exit__)
-        return ports_of(pathlib.Path(broker.folder) / "port")
+        self.broker = Broker(BROKER, *flags)
+        self.addCleanup(self.broker.__exit__)
+        return ports_of(pathlib.Path(self.broker.folder) / "port")
+
+    def slow_upload(self, *arguments):
+        upload = SlowUpload(*arguments)
+        self.addCleanup(upload.socket.close)
+        return upload
+
+    def refused_after(self, port, most):
+        """How many objects of 8 bytes the broker takes; the answer to the next."""
+        for count in range(most):
+            body = f"{count:8}".encode()
+            status, _, text = ask(port, "PUT", asset_of(body), body)
+            if status != 201:
+                return count, status, text
+        self.fail(f"{most} objects are taken")
+
+    def test_small_objects_are_charged_what_the_disk_takes(self):
+        quota = 1 << 20
+        port, admin = self.start(f"--assets-max-total-bytes={quota}")
+        count, status, text = self.refused_after(port, 1000)
+        self.assertEqual(status, 507)
+        self.assertIn("assets.max_total_bytes", text)
+        on_disk = sum(os.stat(file).st_blocks * 512 for file in pathlib.Path(self.broker.folder, "assets").rglob("*") if file.is_file())
+        self.assertLessEqual(on_disk, quota)
+        self.assertGreater(count, quota // 5000, "not charged much more than that")
+        self.assertEqual(ask(port, "GET", asset_of(b"       0"))[0], 200)
+
+    def test_objects_are_counted(self):
+        port, _ = self.start("--assets-max-objects=20")
+        count, status, text = self.refused_after(port, 100)
+        self.assertEqual((count, status), (20, 507))
+        self.assertIn("assets.max_objects", text)
 
     def test_a_claimed_or_rebound_address_is_not_local(self):
         data, admin = self.start("--proxy-trusted=127.0.0.0/8", "--access-monitors=127.0.0.0/8", "--access-hosts=broker")

@@ -3,8 +3,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/inotify.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -34,9 +37,9 @@ class AssetStoreTest : public ::testing::Test {
   }
   /// The object's id; nothing if the store is full.
   std::optional<Sha256> put(const Bytes& content) const {
-    const auto upload = store_->begin_upload(sha256(content)).value();
-    const auto written = upload->write(content);
-    EXPECT_TRUE(!written || upload->commit());
+    const auto upload = store_->begin_upload(sha256(content));
+    const auto written = upload ? (*upload)->write(content) : Result<void>(upload.error());
+    EXPECT_TRUE(!written || (*upload)->commit());
     return written ? std::optional(sha256(content)) : std::nullopt;
   }
   std::size_t files_left() const {
@@ -69,10 +72,10 @@ TEST_F(AssetStoreTest, StoredObjectsCanBeRead) {
   Bytes read(object.size);
   ASSERT_EQ(::pread(object.file.get(), read.data(), read.size(), 0), static_cast<ssize_t>(read.size()));
   EXPECT_EQ(read, kContent);
-  EXPECT_EQ(store_->total_bytes(), kContent.size());
+  EXPECT_EQ(store_->total_bytes(), charge_of(kContent.size()));
   open();
   EXPECT_TRUE(store_->contains(id)) << "kept across restarts";
-  EXPECT_EQ(store_->total_bytes(), kContent.size());
+  EXPECT_EQ(store_->total_bytes(), charge_of(kContent.size()));
 }
 
 TEST_F(AssetStoreTest, WrongHashStoresNothing) {
@@ -112,7 +115,7 @@ TEST_F(AssetStoreTest, SameObjectTwiceIsOneObject) {
     EXPECT_EQ(upload->commit().value(), is_new);
   }
   EXPECT_EQ(files_left(), 1u);
-  EXPECT_EQ(store_->total_bytes(), kContent.size());
+  EXPECT_EQ(store_->total_bytes(), charge_of(kContent.size()));
 }
 
 TEST_F(AssetStoreTest, ConcurrentUploads) {
@@ -130,57 +133,138 @@ TEST_F(AssetStoreTest, ConcurrentUploads) {
   for (auto& thread : threads) thread.join();
   EXPECT_EQ(fresh, 1);
   EXPECT_EQ(files_left(), 1u);
-  EXPECT_EQ(store_->total_bytes(), kContent.size());
+  EXPECT_EQ(store_->total_bytes(), charge_of(kContent.size()));
 }
 
+TEST(AssetChargeTest, CoversWhatTheDiskTakes) {
+  EXPECT_GT(charge_of(0), 0u) << "a name and an inode";
+  EXPECT_EQ(charge_of(8), charge_of(4096));
+  EXPECT_GT(charge_of(8), 4096u);
+  EXPECT_EQ(charge_of(4097) - charge_of(4096), 4096u);
+  EXPECT_LT(charge_of(1 << 20), (1 << 20) + 4096u);
+}
+
+/// Objects of so many blocks fill the quotas of the tests, of ten of them.
+constexpr std::size_t kBlock = 4096;
+constexpr std::uint64_t kTenBlocks = 10 * kBlock + 4096;
+
 TEST_F(AssetStoreTest, QuotasHold) {
-  open({1000, 1500, 0});
-  auto first = store_->begin_upload(sha256(Bytes(900, 1))).value();
-  ASSERT_TRUE(first->write(Bytes(900, 1)));
-  EXPECT_EQ(first->write(Bytes(101, 1)).error().code, ErrorCode::kTooLarge);
-  auto second = store_->begin_upload(sha256(Bytes(601, 1))).value();
-  EXPECT_EQ(second->write(Bytes(601, 1)).error().code, ErrorCode::kIo);
+  open({5 * kBlock, 7 * kBlock, 100, 0});
+  const Bytes large(5 * kBlock, 1), other(2 * kBlock, 2);
+  auto first = store_->begin_upload(sha256(large)).value();
+  ASSERT_TRUE(first->write(large));
+  EXPECT_EQ(first->write(Bytes(1, 1)).error().code, ErrorCode::kTooLarge);
+  auto second = store_->begin_upload(sha256(other)).value();
+  EXPECT_EQ(second->write(other).error().code, ErrorCode::kIo);
   second.reset();
   EXPECT_TRUE(first->commit());
   first.reset();
-  EXPECT_EQ(store_->total_bytes(), 900u);
+  EXPECT_EQ(store_->total_bytes(), charge_of(large.size()));
+}
+
+TEST_F(AssetStoreTest, SmallObjectsCountAsWhatTheDiskTakes) {
+  open({1000, 64 * kBlock, 1'000'000, 60'000'000});
+  std::uint8_t kept = 0;
+  while (put(Bytes(8, kept)) && kept < 200) ++kept;
+  EXPECT_GT(kept, 50);
+  EXPECT_LE(kept, 64);
+  std::uint64_t on_disk = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets")) {
+    struct stat status = {};
+    if (entry.is_regular_file() && ::stat(entry.path().c_str(), &status) == 0) on_disk += status.st_blocks * 512;
+  }
+  EXPECT_LE(on_disk, store_->total_bytes());
+  EXPECT_EQ(files_left(), kept);
+}
+
+TEST_F(AssetStoreTest, ObjectsAreCounted) {
+  open({1000, 1 << 30, 3, 60'000'000});
+  for (std::uint8_t i = 0; i < 3; ++i) ASSERT_TRUE(put(Bytes(8, i)));
+  const auto refused = store_->begin_upload(sha256(Bytes(8, 9)));
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kIo);
+  EXPECT_THAT(refused.error().message, ::testing::HasSubstr("assets.max_objects = 3"));
+  EXPECT_EQ(store_->objects(), 3u);
+  EXPECT_EQ(files_left(), 3u);
+  open({1000, 1 << 30, 3, 0});
+  EXPECT_EQ(store_->objects(), 3u) << "counted at the start too";
+  ASSERT_TRUE(put(Bytes(8, 9)));
+  EXPECT_EQ(store_->evicted(), 1u) << "one idle object makes room";
+  const auto under_way = store_->begin_upload(sha256(Bytes(8, 10))).value();
+  EXPECT_EQ(store_->evicted(), 2u) << "an upload counts while it lasts";
 }
 
 TEST_F(AssetStoreTest, LeastRecentlyUsedObjectIsEvicted) {
-  open({1000, 1000, 0});
-  const Sha256 chunk = *put(Bytes(300, 1));
+  open({kTenBlocks, kTenBlocks, 100, 0});
+  const Sha256 chunk = *put(Bytes(3 * kBlock, 1));
   Bytes list(17, 0xee);  // A manifest, as far as the store knows: the id of its chunk stands somewhere in it.
-  ByteWriter(list).bytes(chunk.digest);
+  for (int i = 0; i < 2; ++i) ByteWriter(list).bytes(chunk.digest);
   const Sha256 manifest = *put(list);
   store_->set_used("a", manifest);
   EXPECT_EQ(store_->references_of(manifest).value(), std::vector<Sha256>{chunk});
-  const Sha256 old = *put(Bytes(200, 2));
-  const Sha256 young = *put(Bytes(200, 3));
+  const Sha256 old = *put(Bytes(2 * kBlock, 2));
+  const Sha256 young = *put(Bytes(2 * kBlock, 3));
   EXPECT_TRUE(store_->read(old)) << "used again: now the other is the older one";
-  const auto third = put(Bytes(300, 4));
+  const auto third = put(Bytes(3 * kBlock, 4));
   ASSERT_TRUE(third);
   EXPECT_FALSE(store_->contains(young));
   EXPECT_TRUE(store_->contains(old));
   EXPECT_TRUE(store_->contains(chunk));
   EXPECT_EQ(store_->evicted(), 1u);
-  EXPECT_FALSE(put(Bytes(900, 5))) << "what a stream uses stays, whatever comes";
+  EXPECT_FALSE(put(Bytes(9 * kBlock, 5))) << "what a stream uses stays, whatever comes";
   EXPECT_TRUE(store_->contains(manifest));
   EXPECT_TRUE(store_->contains(chunk));
   store_->set_used("a", std::nullopt);
-  EXPECT_TRUE(put(Bytes(900, 5)));
+  EXPECT_TRUE(put(Bytes(9 * kBlock, 5)));
   EXPECT_FALSE(store_->contains(chunk));
-  EXPECT_LE(store_->total_bytes(), 1000u);
+  EXPECT_LE(store_->total_bytes(), kTenBlocks);
   EXPECT_EQ(files_left(), store_->objects());
 }
 
+TEST_F(AssetStoreTest, LoadedObjectsKeepTheirOrderOfUse) {
+  open({kTenBlocks, kTenBlocks, 100, 0});
+  std::vector<Sha256> ids;
+  for (std::uint8_t i = 0; i < 4; ++i) ids.push_back(*put(Bytes(2 * kBlock, i)));
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    const std::string hex = ids[i].hex();
+    fs::last_write_time(folder_ + "/assets/" + hex.substr(0, 2) + "/" + hex,
+                        fs::file_time_type::clock::now() - std::chrono::hours(i == 2 ? 9 : 2));
+  }
+  open({kTenBlocks, kTenBlocks, 100, 0});
+  ASSERT_TRUE(put(Bytes(3 * kBlock, 9)));
+  EXPECT_EQ(store_->evicted(), 1u);
+  EXPECT_FALSE(store_->contains(ids[2])) << "unused for longest";
+}
+
+TEST_F(AssetStoreTest, UsedAssetIsSearchedOncePerIdleTime) {
+  open({kTenBlocks, kTenBlocks, 100, 3'600'000'000});
+  const Sha256 chunk = *put(Bytes(8 * kBlock, 1));
+  Bytes list(17, 0xee);
+  ByteWriter(list).bytes(chunk.digest);
+  const Sha256 manifest = *put(list);
+  store_->set_used("a", manifest);
+  const std::string hex = manifest.hex();
+  const FileHandle watch(::inotify_init1(IN_NONBLOCK));
+  ASSERT_GE(::inotify_add_watch(watch.get(), (folder_ + "/assets/" + hex.substr(0, 2) + "/" + hex).c_str(), IN_OPEN),
+            0);
+  for (std::uint8_t i = 0; i < 20; ++i) EXPECT_FALSE(put(Bytes(2 * kBlock, i)));
+  inotify_event events[64];
+  ssize_t opened = 0;
+  for (ssize_t count = 0; (count = ::read(watch.get(), events, sizeof(events))) > 0;) {
+    opened += count / static_cast<ssize_t>(sizeof(inotify_event));
+  }
+  EXPECT_LE(opened, 2) << "its references are found and read once, whatever is refused";
+  EXPECT_TRUE(store_->contains(chunk));
+}
+
 TEST_F(AssetStoreTest, RepeatedUploadCountsAsUse) {
-  open({1000, 1000, 0});
-  const Sha256 first = *put(Bytes(300, 1)), second = *put(Bytes(300, 2));
-  EXPECT_EQ(put(Bytes(300, 1)), first);
-  ASSERT_TRUE(put(Bytes(500, 3)));
+  open({kTenBlocks, kTenBlocks, 100, 0});
+  const Sha256 first = *put(Bytes(3 * kBlock, 1)), second = *put(Bytes(3 * kBlock, 2));
+  EXPECT_EQ(put(Bytes(3 * kBlock, 1)), first);
+  ASSERT_TRUE(put(Bytes(5 * kBlock, 3)));
   EXPECT_TRUE(store_->contains(first)) << "its sender is about to announce it";
   EXPECT_FALSE(store_->contains(second));
-  EXPECT_EQ(store_->total_bytes(), 800u);
+  EXPECT_EQ(store_->total_bytes(), charge_of(3 * kBlock) + charge_of(5 * kBlock));
   EXPECT_EQ(files_left(), 2u);
 }
 
@@ -194,35 +278,28 @@ TEST_F(AssetStoreTest, ForeignFilesAreIgnored) {
   for (int i = 0; i < 2; ++i) {
     EXPECT_EQ(put(kContent), id);
     EXPECT_EQ(store_->bytes_of(id).value(), kContent);
-    EXPECT_EQ(store_->total_bytes(), kContent.size());
+    EXPECT_EQ(store_->total_bytes(), charge_of(kContent.size()));
     fs::remove(folder + "/" + id.hex());
   }
 }
 
 TEST_F(AssetStoreTest, RecentlyUsedObjectStays) {
-  open({1000, 1000, 60'000'000});
-  for (const std::uint8_t content : {1, 2}) {
-    auto upload = store_->begin_upload(sha256(Bytes(600, content))).value();
-    EXPECT_EQ(bool(upload->write(Bytes(600, content))), content == 1);
-    if (content == 1) {
-      EXPECT_TRUE(upload->commit());
-    }
-  }
-  EXPECT_TRUE(store_->contains(sha256(Bytes(600, 1))));
+  open({kTenBlocks, kTenBlocks, 100, 60'000'000});
+  EXPECT_TRUE(put(Bytes(6 * kBlock, 1)));
+  EXPECT_FALSE(put(Bytes(6 * kBlock, 2)));
+  EXPECT_TRUE(store_->contains(sha256(Bytes(6 * kBlock, 1))));
 }
 
 TEST_F(AssetStoreTest, EvictedObjectStaysReadableWhileOpen) {
-  open({1000, 1000, 0});
-  auto upload = store_->begin_upload(sha256(Bytes(600, 1))).value();
-  ASSERT_TRUE(upload->write(Bytes(600, 1)));
-  ASSERT_TRUE(upload->commit());
-  const auto object = store_->read(sha256(Bytes(600, 1))).value();
-  auto next = store_->begin_upload(sha256(Bytes(600, 2))).value();
-  ASSERT_TRUE(next->write(Bytes(600, 2)));
-  EXPECT_FALSE(store_->contains(sha256(Bytes(600, 1))));
-  Bytes read(600);
-  EXPECT_EQ(::pread(object.file.get(), read.data(), 600, 0), 600);
-  EXPECT_EQ(read, Bytes(600, 1));
+  open({kTenBlocks, kTenBlocks, 100, 0});
+  const Bytes content(6 * kBlock, 1);
+  const Sha256 id = *put(content);
+  const auto object = store_->read(id).value();
+  EXPECT_TRUE(put(Bytes(6 * kBlock, 2)));
+  EXPECT_FALSE(store_->contains(id));
+  Bytes read(content.size());
+  EXPECT_EQ(::pread(object.file.get(), read.data(), read.size(), 0), static_cast<ssize_t>(read.size()));
+  EXPECT_EQ(read, content);
 }
 
 TEST_F(AssetStoreTest, OneBrokerPerFolder) {
