@@ -8,7 +8,7 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr const char* kResourceNames[] = {"connections", "publishers", "streams"};
+constexpr const char* kResourceNames[] = {"connections", "publishers", "streams", "uploads"};
 
 std::string quoted_list(const StreamPatterns& patterns) {
   std::string out;

@@ -29,7 +29,7 @@ struct AccessRequest {
 };
 
 struct Denial {
-  int status = 403;       ///< 400, 401, 403 or 429.
+  int status = 403;       ///< 400, 401, 403, 408 or 429.
   std::string message;    ///< For the user: what is wrong and what to do.
   int retry_after_s = 0;  ///< 429 only.
   bool failed_login = false;
@@ -49,8 +49,8 @@ struct Identity {
 /// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
 
-enum class Resource : std::uint8_t { kConnection, kPublisher, kStream };
-inline constexpr std::size_t kResources = 3;
+enum class Resource : std::uint8_t { kConnection, kPublisher, kStream, kUpload };
+inline constexpr std::size_t kResources = 4;
 
 struct Quota {
   std::array<std::int64_t, kResources> resources{};

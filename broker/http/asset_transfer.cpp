@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <ctime>
 #include <system_error>
 
 #include "broker/http/http_target.h"
@@ -126,16 +127,20 @@ class Download : public std::enable_shared_from_this<Download> {
   std::vector<char> chunk_;
 };
 
-/// The answer to one PUT. Counts in uploads_now while it lives, until end().
+/// The answer to one PUT. Counts in uploads_now and holds a slot of `grant` while it lives, until end().
 class Upload : public std::enable_shared_from_this<Upload> {
  public:
   Upload(HttpConnection& connection, Grant& grant)
-      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant) {
+      : connection_(connection.shared_from_this()),
+        context_(connection.context()),
+        grant_(grant),
+        watch_(context_.loop.get_executor()) {
     ++context_.counters.uploads_now;
   }
   ~Upload() { end(); }
 
   void start(const Sha256& id) {
+    watch();
     connection_->arm(context_.config.timeouts.transfer_ms);
     connection_->on_disk([&assets = context_.assets, id] { return assets.begin_upload(id); },
                          [self = shared_from_this()](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
@@ -146,6 +151,27 @@ class Upload : public std::enable_shared_from_this<Upload> {
   }
 
  private:
+  /// Checks each second whether it may go on.
+  void watch() {
+    if (!denied_) denied_ = denial_at(steady_now_us(), std::time(nullptr));
+    ErrorOf ignored;
+    if (denied_) connection_->transport().socket().cancel(ignored);  // Ends reading, which answers.
+    run_after(watch_, std::chrono::seconds(1), [self = weak_from_this()] {
+      if (const auto upload = self.lock()) upload->watch();
+    });
+  }
+
+  std::optional<Denial> denial_at(TimeUs now_us, std::int64_t now_unix_s) {
+    const std::int64_t most_ms = context_.config.timeouts.upload_ms;
+    if (now_us - began_us_ > most_ms * 1000) {
+      return Denial{
+          408, "the upload took longer than timeouts.upload_ms = " + std::to_string(most_ms) + ": try a faster link"};
+    }
+    if (grant_.has_expired(now_unix_s)) return Denial{401, "the token has expired: upload with a new one", 0, true};
+    if (grant_.is_void()) return Denial{401, "the rights of this upload have changed: try again", 0, true};
+    return std::nullopt;
+  }
+
   void begin_body() {
     chunk_.resize(kChunkBytes);
     if (::strcasecmp(connection_->header("Expect").c_str(), "100-continue") != 0) return read_body();
@@ -154,6 +180,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   }
 
   void read_body() {
+    if (denied_) return refuse(*denied_);
     if (connection_->is_body_read()) return commit();
     connection_->arm(context_.config.timeouts.transfer_ms);
     connection_->read_body(
@@ -161,6 +188,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   }
 
   void on_body_read(ErrorOf error, std::size_t count) {
+    if (denied_) return refuse(*denied_);
     if (HttpConnection::is_body_limit(error)) {
       return fail_with(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
     }
@@ -193,7 +221,14 @@ class Upload : public std::enable_shared_from_this<Upload> {
                          });
   }
 
+  void refuse(const Denial& denial) {
+    end();
+    ++context_.counters.uploads_failed;
+    connection_->answer_denial(denial);
+  }
+
   void fail_with(const Error& error) {
+    if (error.code == ErrorCode::kRefused) return refuse({429, error.message, kRetryAfterS});
     end();
     ++context_.counters.uploads_failed;
     log(context_.log, LogLevel::kWarning, "upload refused: " + error.message);
@@ -202,8 +237,6 @@ class Upload : public std::enable_shared_from_this<Upload> {
         return connection_->answer_error(HttpStatus::kUnprocessableEntity, error);
       case ErrorCode::kTooLarge:
         return connection_->answer_error(HttpStatus::kPayloadTooLarge, error);
-      case ErrorCode::kRefused:
-        return connection_->answer_denial({429, error.message, kRetryAfterS});
       default:
         return connection_->answer_error(HttpStatus::kInsufficientStorage, error);
     }
@@ -211,12 +244,18 @@ class Upload : public std::enable_shared_from_this<Upload> {
 
   void end() {
     upload_.reset();
-    if (std::exchange(counted_, false)) --context_.counters.uploads_now;
+    watch_.cancel();
+    if (!std::exchange(counted_, false)) return;
+    --context_.counters.uploads_now;
+    grant_.give_back(Resource::kUpload);
   }
 
   std::shared_ptr<HttpConnection> connection_;
   Context& context_;
   Grant& grant_;
+  Timer watch_;
+  const TimeUs began_us_ = steady_now_us();
+  std::optional<Denial> denied_;
   bool counted_ = true;
   std::unique_ptr<AssetStore::Upload> upload_;
   std::vector<std::uint8_t> chunk_;
@@ -230,12 +269,16 @@ void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   Context& context = connection.context();
-  const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us());
-  if (!taken) return connection.answer_denial({429, taken.error().message, kRetryAfterS});
   if (context.counters.uploads_now >= static_cast<std::uint64_t>(context.config.limits.max_uploads)) {
     return connection.answer_error(HttpStatus::kServiceUnavailable,
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                                    {{"Retry-After", "1"}});
+  }
+  if (auto slot = grant.take(Resource::kUpload); !slot) return connection.answer_denial({429, slot.error().message, 1});
+  const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us());
+  if (!taken) {
+    grant.give_back(Resource::kUpload);
+    return connection.answer_denial({429, taken.error().message, kRetryAfterS});
   }
   std::make_shared<Upload>(connection, grant)->start(id);
 }

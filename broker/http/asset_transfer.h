@@ -10,8 +10,8 @@ namespace eigencast::broker {
 
 /// Answers a GET or HEAD: all of the asset or a range, or 304, 404, 416, 429.
 void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id);
-/// Answers a PUT: 201, or 200 if the asset exists, or 403, 413, 422 (the bytes have another hash than
-/// `id`), 429, 503, 507.
+/// Answers a PUT: 201, or 200 if the asset exists, or 401 (its token ends meanwhile), 403, 408, 413,
+/// 422 (the bytes have another hash than `id`), 429, 503, 507.
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id);
 
 }  // namespace eigencast::broker

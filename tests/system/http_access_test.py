@@ -126,6 +126,51 @@ class HttpAccess(unittest.TestCase):
         self.assertEqual((count, status), (20, 507))
         self.assertIn("assets.max_objects", text)
 
+    def test_one_address_does_not_hold_all_uploads(self):
+        port, admin = self.start()
+        held = [self.slow_upload(port) for _ in range(100)]
+        body = b"of another address"
+        self.assertEqual(ask(port, "PUT", asset_of(body), body, source="127.0.0.2")[0], 201)
+        self.assertEqual([upload.status for upload in held], 8 * [100] + 92 * [429])
+        self.assertIn("per_address.uploads = 8", held[-1].answer)
+        self.assertIn("\neigencast_broker_uploads 8\n", ask(admin, "GET", "/metrics")[2])
+        held[0].socket.close()
+        for _ in itertools.count():  # The broker may hear of it a moment later.
+            if ask(port, "PUT", asset_of(body), body)[0] == 200:
+                break
+
+    def test_an_upload_has_a_deadline(self):
+        port, _ = self.start("--timeouts-upload-ms=1000")
+        answer = self.slow_upload(port).trickle()
+        self.assertIn(" 408 ", answer)
+        self.assertIn("timeouts.upload_ms", answer)
+
+    def test_an_upload_ends_when_its_token_expires(self):
+        secret = "a secret of the tests, of more than 32 bytes"
+        port, _ = self.start(f"--access-jwt-secret={secret}", "--access-jwt-leeway-s=0")
+        for lives_s in itertools.count(3):  # A busy machine may let it expire before the upload begins.
+            token = signed_token(secret, {"sub": "camera", "aud": "eigencast", "eigencast": {"pub": ["**"]}, "exp": int(time.time()) + lives_s})
+            upload = self.slow_upload(port, token)
+            if upload.status == 100:
+                break
+        answer = upload.trickle()
+        self.assertIn(" 401 ", answer)
+        self.assertIn("expired", answer)
+
+    def test_an_upload_ends_when_its_token_is_revoked(self):
+        made = subprocess.run([BROKER, "token", "create", "--static", "--subject=camera", "--publish=**"], check=True, capture_output=True, text=True)
+        tokens = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "tokens")
+        tokens.touch(0o600)
+        tokens.write_text(made.stderr.splitlines()[-1] + "\n")
+        port, _ = self.start(f"--access-tokens-file={tokens}")
+        upload, stranger = self.slow_upload(port, made.stdout.strip()), self.slow_upload(port)
+        self.assertEqual((upload.status, stranger.status), (100, 100))
+        tokens.write_text("# taken out\n")
+        self.broker.process.send_signal(signal.SIGHUP)
+        self.assertIn(" 401 ", upload.trickle())
+        stranger.socket.settimeout(0.05)
+        self.assertRaises(TimeoutError, stranger.socket.recv, 4096)
+
     def test_a_claimed_or_rebound_address_is_not_local(self):
         data, admin = self.start("--proxy-trusted=127.0.0.0/8", "--access-monitors=127.0.0.0/8", "--access-hosts=broker")
         for port, target in ((data, "/v1/streams"), (admin, "/api/clients"), (admin, "/metrics")):

@@ -305,6 +305,23 @@ TEST_F(GateTest, MessagesAndUploadsAreRateLimited) {
   EXPECT_TRUE(reader->take_download(20, 10 * kSecond));
 }
 
+TEST_F(GateTest, UploadsAreCountedPerHolder) {
+  config_.per_address.uploads = 2;
+  config_.per_token.uploads = 1;
+  const std::string token = token_for("a", {"**"}, {});
+  const auto one = let_in(request_from("8.8.8.8", token));
+  EXPECT_TRUE(one->take(Resource::kUpload));
+  const auto same_token = let_in(request_from("9.9.9.9", token));
+  EXPECT_THAT(same_token->take(Resource::kUpload).error().message, HasSubstr("per_token.uploads = 1"));
+  const auto same_address = let_in(request_from("8.8.8.8", token_for("b", {"**"}, {})));
+  EXPECT_TRUE(same_address->take(Resource::kUpload));
+  const auto third = let_in(request_from("8.8.8.8", token_for("c", {"**"}, {})));
+  EXPECT_THAT(third->take(Resource::kUpload).error().message, HasSubstr("per_address.uploads = 2"));
+  one->give_back(Resource::kUpload);
+  EXPECT_TRUE(third->take(Resource::kUpload));
+  EXPECT_TRUE(same_token->take(Resource::kUpload));
+}
+
 TEST_F(GateTest, ReloadRevokesGrants) {
   const auto signed_one = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
   const auto local = let_in(request_from("127.0.0.1"));

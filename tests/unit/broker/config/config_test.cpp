@@ -90,7 +90,7 @@ TEST(ConfigTest, ReloadAppliesLiveSettingsAndReportsOthers) {
   EXPECT_FALSE(changes[0].live);
   EXPECT_EQ(changes[0].after, "\"/elsewhere\"");
   EXPECT_TRUE(changes[1].live);
-  EXPECT_EQ(changes[1].before, "16");
+  EXPECT_EQ(changes[1].before, "64");
   const Config merged = reloaded(running, wanted);
   EXPECT_EQ(merged.limits.max_uploads, 3);
   EXPECT_EQ(merged.server.data_dir, "");
