@@ -43,7 +43,7 @@ Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environ
       assets_(assets),
       environment_(std::move(environment)),
       directory_(settings_.id, environment_.now_us()),
-      following_(settings_, link, assets, environment_, totals_) {}
+      following_(&settings_, link, assets, &environment_, totals_) {}
 
 Backbone::~Backbone() {
   stop();

@@ -49,9 +49,9 @@ struct BackboneEnvironment {
 class Following {
  public:
   /// All of them outlive it.
-  Following(const BackboneSettings& settings, Link& link, AssetExchange& assets, const BackboneEnvironment& environment,
+  Following(const BackboneSettings* settings, Link& link, AssetExchange& assets, const BackboneEnvironment* environment,
             BackboneTotals& totals)
-      : settings_(settings), link_(link), assets_(assets), environment_(environment), totals_(totals) {}
+      : settings_(*settings), link_(link), assets_(assets), environment_(*environment), totals_(totals) {}
   ~Following();
 
   /// REQUIRES: the hub lives until stop().

@@ -29,6 +29,19 @@ std::string bucket_of(std::string prefix) {
   return prefix + "_streams";
 }
 
+/// The closure of libnats' callbacks on a link's connections. They come on its threads, possibly after the link's end, and
+/// a connection that could not be made may report its end or not: so it is kept, once for each link.
+void* closure_of(std::weak_ptr<NatsLink> link) {
+  static std::mutex mutex;
+  static auto& kept = *new std::deque<std::weak_ptr<NatsLink>>;
+  const std::lock_guard lock(mutex);
+  return &kept.emplace_back(std::move(link));
+}
+
+std::shared_ptr<NatsLink> link_of(void* closure) {
+  return static_cast<std::weak_ptr<NatsLink>*>(closure)->lock();
+}
+
 }  // namespace
 
 NatsLink::NatsLink(std::string prefix, int replicas, OptionsPtr options,
@@ -79,30 +92,27 @@ void NatsLink::on_closed() {
 }
 
 void NatsLink::listen_to_connection() {
-  // libnats calls these on its threads, the last one when the connection has closed, possibly after stop(): keep this
-  // object until then.
-  auto* kept = new std::shared_ptr<NatsLink>(shared_from_this());
-  const natsConnectionHandler up = [](natsConnection*, void* closure) {
-    (*static_cast<std::shared_ptr<NatsLink>*>(closure))->on_up();
+  void* closure = closure_of(weak_from_this());
+  const natsConnectionHandler up = [](natsConnection*, void* of) {
+    if (const auto link = link_of(of)) link->on_up();
   };
-  natsOptions_SetReconnectedCB(options_.get(), up, kept);
-  natsOptions_SetRetryOnFailedConnect(options_.get(), true, up, kept);
+  natsOptions_SetReconnectedCB(options_.get(), up, closure);
+  natsOptions_SetRetryOnFailedConnect(options_.get(), true, up, closure);
   natsOptions_SetDisconnectedCB(
       options_.get(),
-      [](natsConnection* connection, void* closure) {
+      [](natsConnection* connection, void* of) {
         const char* text = nullptr;
         natsConnection_GetLastError(connection, &text);
         const std::string why = text != nullptr && *text != 0 ? text : "the connection to the NATS server is gone";
-        (*static_cast<std::shared_ptr<NatsLink>*>(closure))->on_down(why);
+        if (const auto link = link_of(of)) link->on_down(why);
       },
-      kept);
+      closure);
   natsOptions_SetClosedCB(
       options_.get(),
-      [](natsConnection*, void* closure) {
-        const std::unique_ptr<std::shared_ptr<NatsLink>> link(static_cast<std::shared_ptr<NatsLink>*>(closure));
-        (*link)->on_closed();
+      [](natsConnection*, void* of) {
+        if (const auto link = link_of(of)) link->on_closed();
       },
-      kept);
+      closure);
   // Replaces libnats' handler, which prints. Messages lost by slow consumers show up as gaps.
   natsOptions_SetErrorHandler(
       options_.get(), [](natsConnection*, natsSubscription*, natsStatus, void*) {}, nullptr);
@@ -115,7 +125,6 @@ void NatsLink::connect() {
   closed_ = false;
   const std::uint64_t generation = generation_;
   lock.unlock();
-  listen_to_connection();
   natsConnection* connection = nullptr;
   const natsStatus status = natsConnection_Connect(&connection, options_.get());
   lock.lock();
@@ -132,6 +141,7 @@ void NatsLink::connect() {
 
 void NatsLink::start(Listener& listener) {
   listener_ = &listener;
+  listen_to_connection();
   connect();
   subscriptions_.push_back(subscribe_raw(inbox_ + ".*", [this](natsMsg* message) {
     const std::string subject = natsMsg_GetSubject(message);
@@ -224,7 +234,8 @@ void NatsLink::renew(const std::shared_ptr<Subscribed>& subscribed, const std::s
       &subscription, connection.get(), subscribed->subject.c_str(),
       [](natsConnection*, natsSubscription*, natsMsg* raw, void* heard_by) {
         const MessagePtr message(raw);
-        (*static_cast<std::shared_ptr<Subscribed>*>(heard_by))->heard(raw);
+        const auto& listening = *static_cast<std::shared_ptr<Subscribed>*>(heard_by);
+        if (const auto link = listening->link.lock()) listening->heard(raw);
       },
       closure);
   if (status != NATS_OK) {
@@ -240,7 +251,7 @@ void NatsLink::renew(const std::shared_ptr<Subscribed>& subscribed, const std::s
 }
 
 std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard) {
-  const std::shared_ptr<Subscribed> subscribed(new Subscribed{shared_from_this(), subject, std::move(heard)});
+  const std::shared_ptr<Subscribed> subscribed(new Subscribed{weak_from_this(), subject, std::move(heard)});
   const std::lock_guard lock(mutex_);
   if (stopping_) return nullptr;
   subscribed_.push_back(subscribed);
@@ -248,8 +259,10 @@ std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::f
   wake_.notify_all();
   return {subscribed.get(), [subscribed](Subscribed* ended) {
             ended->wanted = false;
-            const std::lock_guard changing(ended->link->mutex_);
-            ended->link->subscribed_changed_ = true;
+            const auto link = ended->link.lock();
+            if (!link) return;
+            const std::lock_guard changing(link->mutex_);
+            link->subscribed_changed_ = true;
           }};
 }
 
@@ -365,7 +378,7 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   auto link = std::make_shared<NatsLink>(settings.prefix, static_cast<int>(settings.replicas), std::move(options),
                                          std::move(on_loop));
   Link* raw_link = link.get();
-  // libnats' closures share the object: its owner's end stops it.
+  // Callbacks of libnats and work on the loop may outlive the owner: its end stops the link.
   return std::shared_ptr<Link>(raw_link, [link = std::move(link)](Link*) { link->stop(); });
 }
 

@@ -56,9 +56,9 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
     Answer answer;
     std::chrono::steady_clock::time_point until;
   };
-  /// `heard` runs on libnats' thread, possibly after stop() has returned.
+  /// `heard` runs on libnats' thread, possibly after stop() has returned, but not after the link's end.
   struct Subscribed {
-    std::shared_ptr<NatsLink> link;
+    std::weak_ptr<NatsLink> link;
     std::string subject;
     std::function<void(natsMsg*)> heard;
     std::atomic<bool> wanted{true};
