@@ -54,6 +54,7 @@ class Parser {
     if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end()))
       return corrupt_manifest("not one: its magic bytes are missing");
     const std::uint32_t version = in_.u32();
+    if (in_.failed()) return {};
     if (version == 0) return corrupt_manifest("version 0 does not exist");
     if (version != kVersion) {
       return fail(ErrorCode::kIncompatibleVersion, "asset manifest: format version " + std::to_string(version) +
@@ -69,6 +70,7 @@ class Parser {
     a.base_count = in_.u32();
     a.face_total = in_.u32();
     manifest_.exact_columns = in_.u32();
+    if (in_.failed()) return {};
     if (auto counts = check_counts(a); !counts) return in_context("asset manifest", counts.error());
     if (manifest_.exact_columns > a.rank) return corrupt_manifest("more exact columns than columns");
     return {};
@@ -126,6 +128,7 @@ class Parser {
   Result<void> chunks() {
     const AssetFacts& a = manifest_.facts;
     const std::size_t count = in_.u32();
+    if (in_.failed()) return {};
     if (count == 0 || count > asset_limits::kMaxChunks)
       return corrupt_manifest(std::to_string(count) + " chunks; 1 to 4096 are allowed");
     if (in_.remaining() < count * kMinChunkEntryBytes) return corrupt_manifest("ends too early");
@@ -213,12 +216,9 @@ class Parser {
     if (!tile.is(t == 0 ? TileKind::kStructure : TileKind::kBasis) || tile.index != index || !tile.required) {
       return corrupt_manifest(where + ": not the structure tile first and then the bands in order, all required");
     }
-    // A varint has 1 to 5 bytes.
     const std::uint64_t least =
-        t > 0 ? basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows)) : rows * (1 + 4 + 1) + faces * 4;
-    const std::uint64_t most =
-        t > 0 ? least
-              : rows * (5 + 5 + 4 + 1 + Predictors::kMaxPerRow * (4 + 2)) + faces * (5 + 3 * 5) + old_faces * 3 * 5;
+        t > 0 ? basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows)) : min_structure_bytes(rows, faces);
+    const std::uint64_t most = t > 0 ? least : max_structure_bytes(rows, faces, old_faces);
     if (tile.raw_bytes < least || tile.raw_bytes > most)
       return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows and faces");
     return {};
@@ -232,8 +232,8 @@ class Parser {
     const bool is_splats = tile.is(TileKind::kSplats), is_colours = tile.is(TileKind::kColours) && tile.index == 0,
                is_detail = tile.is(TileKind::kDetail) && tile.index == 0;
     const std::uint64_t bytes = tile.raw_bytes;
-    if ((is_splats && (bytes < rows * (4 + 2) || bytes > rows * (4 + 2 * 5))) || (is_colours && bytes != 3 * rows) ||
-        (is_detail && bytes != detail(1) && bytes != detail(3))) {
+    if ((is_splats && (bytes < min_splat_bytes(rows) || bytes > max_splat_bytes(rows))) ||
+        (is_colours && bytes != colour_bytes(rows)) || (is_detail && bytes != detail(1) && bytes != detail(3))) {
       return corrupt_manifest(where + ": " + std::to_string(bytes) + " bytes do not fit its rows");
     }
     if (is_splats || is_colours || is_detail) return {};

@@ -26,10 +26,14 @@ const Colour* predicting_colour(std::uint32_t row, std::uint32_t parent, std::sp
 
 }  // namespace
 
+std::uint64_t colour_bytes(std::uint64_t rows) {
+  return 3 * rows;
+}
+
 Bytes encode_colours(std::span<const Colour> colours, std::uint32_t first_row, std::span<const std::uint32_t> map) {
   const std::size_t rows = map.size();
   assert(colours.size() >= first_row + rows);
-  Bytes raw(3 * rows);
+  Bytes raw(colour_bytes(rows));
   for (std::size_t k = 0; k < rows; ++k) {
     const auto row = static_cast<std::uint32_t>(first_row + k);
     const Colour own = parted(colours[row]);

@@ -29,6 +29,15 @@ Error corrupt_splats(std::string what) {
 
 }  // namespace
 
+// By row: 4 bytes and 2 varints.
+std::uint64_t min_splat_bytes(std::uint64_t rows) {
+  return rows * (4 + 2);
+}
+
+std::uint64_t max_splat_bytes(std::uint64_t rows) {
+  return rows * (4 + 2 * 5);
+}
+
 Bytes encode_splats(const Asset::Splats& splats, std::uint32_t first_row, std::uint32_t end_row,
                     std::uint32_t base_count, double diagonal) {
   const std::size_t rows = end_row - first_row;

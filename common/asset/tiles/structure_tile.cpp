@@ -168,6 +168,16 @@ class Decoder {
 
 }  // namespace
 
+// A varint has 1 to 5 bytes. By row: map (not in the base), source, mass, number of predictors, these; by new face: death
+// and corners.
+std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t new_faces) {
+  return rows * (1 + 4 + 1) + new_faces * (1 + 3);
+}
+
+std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces) {
+  return rows * (5 + 5 + 4 + 1 + Predictors::kMaxPerRow * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
+}
+
 Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::span<const std::uint32_t> earlier_map,
                        std::span<const std::uint32_t> earlier_source, std::span<const Corners> earlier_faces) {
   Bytes raw;

@@ -31,6 +31,10 @@ struct ChunkRange {
   std::uint32_t vertex_count = 0;  ///< n
 };
 
+/// Bounds of a structure tile's size, decompressed.
+std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t new_faces);
+std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces);
+
 /// Encodes `tile`, given what earlier chunks hold: map and source_vertex of the rows below first_row, and their faces
 /// with the corners of level first_row. REQUIRES: consistent shapes.
 Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::span<const std::uint32_t> earlier_map,
@@ -42,6 +46,10 @@ Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::
 Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, std::uint32_t new_faces,
                                        std::span<const std::uint32_t> earlier_source,
                                        std::span<const Corners> earlier_faces);
+
+/// Bounds of a splat tile's size, decompressed.
+std::uint64_t min_splat_bytes(std::uint64_t rows);
+std::uint64_t max_splat_bytes(std::uint64_t rows);
 
 /// The splats of rows [first_row, end_row) of an asset that has them.
 ///   diagonal  of the rest box: radii are in units of it
@@ -68,6 +76,9 @@ Bytes encode_detail(const Asset::Detail& detail, std::uint32_t first_row, std::s
 /// Adds as many rows as `map` has. Safe on hostile input; after an error nothing has changed. Errors: kCorrupt.
 /// REQUIRES: detail.size() rows are there.
 Result<void> decode_detail(ByteView raw, std::uint32_t rank, std::span<const std::uint32_t> map, Asset::Detail& detail);
+
+/// The size of a decompressed tile of colours.
+std::uint64_t colour_bytes(std::uint64_t rows);
 
 /// The colours of rows [first_row, first_row + map.size()).
 ///   map      of those rows
