@@ -20,9 +20,9 @@ constexpr unsigned kFinestHalfSpacing = 6;
 /// m over the rms error of a value, measured on moving surfaces; 1.8 where no level is 0.
 constexpr double kHalfSpacingOverRms = 1.8;
 
-Error overflow(std::size_t index) {
-  return fail(ErrorCode::kTooLarge, "coefficient " + std::to_string(index) +
-                                        " leaves the codec's range: use a larger step, or another codec");
+Error overflow(const CoefficientLayout& layout, std::size_t index) {
+  return fail(ErrorCode::kTooLarge, "coefficient " + std::to_string(index) + " leaves the codec's range: use " +
+                                        (layout.is_float() ? "another codec" : "a larger step, or another codec"));
 }
 
 /// a + round_half_away((b - a) * at / of), of = `parts`, at = half of `twice_at`, for |b - a| <= 2^31, at < of <=
@@ -34,14 +34,14 @@ std::int32_t between(std::int32_t a, std::int32_t b, double twice_at, double par
   return a + (difference < 0 ? -magnitude : magnitude);
 }
 
-Result<void> interpolate_quantised(const Key& a, const Key& b, std::uint32_t at, std::uint32_t of, std::size_t first,
-                                   std::size_t last, Key& out) {
+Result<void> interpolate_quantised(const CoefficientLayout& layout, const Key& a, const Key& b, std::uint32_t at,
+                                   std::uint32_t of, std::size_t first, std::size_t last, Key& out) {
   const std::int32_t* from = a.q.data();
   if (a.step != b.step) {
     const fixed::Rescale rule(a.step, b.step);
     for (std::size_t i = first; i < last; ++i) {
       const std::int64_t value = rule(a.q[i]);
-      if (!fixed::in_range(value)) return overflow(i);
+      if (!fixed::in_range(value)) return overflow(layout, i);
       out.q[i] = static_cast<std::int32_t>(value);
     }
     from = out.q.data();
@@ -80,7 +80,7 @@ Result<Key> with_values(const CoefficientLayout& layout, BandMask bands, Key key
     if (!bands.has(band)) continue;
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
-      if (!set_value(key, i)) return overflow(i);
+      if (!set_value(key, i)) return overflow(layout, i);
     }
   }
   return key;
@@ -178,7 +178,7 @@ Result<Key> key_from_coefficients(const CoefficientLayout& layout, std::span<con
     const bool fits = layout.is_float() ? set(layout, key, i, C[i])
                                         : std::abs(rounded) <= double{fixed::kMaxValue} &&
                                               set(key, i, static_cast<std::int64_t>(rounded));
-    if (!fits) return overflow(i);
+    if (!fits) return overflow(layout, i);
   }
   return key;
 }
@@ -207,7 +207,7 @@ Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, cons
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!bands.has(band)) continue;
     const auto [first, last] = layout.range(band);
-    if (const auto done = interpolate_quantised(a, b, at, of, first, last, out); !done) return done.error();
+    if (const auto done = interpolate_quantised(layout, a, b, at, of, first, last, out); !done) return done.error();
   }
   return out;
 }
