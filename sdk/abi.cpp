@@ -21,13 +21,20 @@ thread_local std::string last_error;
 constexpr ec_status kStatuses[] = {
     EC_INVALID_ARGUMENT, EC_NOT_FOUND,   EC_CORRUPT,     EC_TOO_LARGE, EC_UNSUPPORTED, EC_IO,        EC_UNREACHABLE,
     EC_REFUSED,          EC_UNREACHABLE, EC_UNREACHABLE, EC_CANCELLED, EC_UNSUPPORTED, EC_NUMERICAL, EC_INTERNAL};
+constexpr ec_status status_of(ErrorCode code) {
+  return kStatuses[static_cast<std::size_t>(code)];
+}
 static_assert(std::size(kStatuses) == static_cast<std::size_t>(ErrorCode::kInternal) + 1);
+static_assert(status_of(ErrorCode::kIo) == EC_IO && status_of(ErrorCode::kRefused) == EC_REFUSED &&
+              status_of(ErrorCode::kCancelled) == EC_CANCELLED && status_of(ErrorCode::kInternal) == EC_INTERNAL);
 
 /// Lists EC_INTERNAL up to EC_NOTHING.
-constexpr const char* kNames[] = {"internal",    "numerical",    "cancelled", "refused",   "unreachable",      "io",
-                                  "unsupported", "too-large",    "corrupt",   "not-found", "invalid-argument", "ok",
-                                  "dropped",     "disconnected", "nothing"};
+constexpr std::string_view kNames[] = {
+    "internal", "numerical", "cancelled",        "refused", "unreachable", "io",           "unsupported", "too-large",
+    "corrupt",  "not-found", "invalid-argument", "ok",      "dropped",     "disconnected", "nothing"};
 static_assert(std::size(kNames) == EC_NOTHING - EC_INTERNAL + 1);
+static_assert(kNames[EC_REFUSED - EC_INTERNAL] == "refused" && kNames[EC_OK - EC_INTERNAL] == "ok" &&
+              kNames[EC_NOTHING - EC_INTERNAL] == "nothing");
 
 Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
                              std::uint32_t face_count) {
@@ -81,7 +88,7 @@ Result<std::optional<Appearance>> appearance_from(const ec_appearance* given, co
 
 ec_status abi::failed(const Error& error) {
   last_error = error.message;
-  return kStatuses[static_cast<std::size_t>(error.code)];
+  return status_of(error.code);
 }
 
 ec_status abi::invalid(const char* text) {
@@ -98,7 +105,7 @@ const char* ec_version(void) {
 }
 
 const char* ec_strerror(ec_status status) {
-  return status >= EC_INTERNAL && status <= EC_NOTHING ? kNames[status - EC_INTERNAL] : "unknown";
+  return status >= EC_INTERNAL && status <= EC_NOTHING ? kNames[status - EC_INTERNAL].data() : "unknown";
 }
 
 const char* ec_last_error(void) {

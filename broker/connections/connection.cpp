@@ -211,6 +211,9 @@ void Connection::describe(ClientInfo& info) const {
 }
 
 void Connection::send_error(const Error& error, const std::string& stream) {
+  // The protocol's names: an order that differs from the enumeration's would change them.
+  static_assert(name_of(ErrorCode::kRefused) == "refused" && name_of(ErrorCode::kCancelled) == "cancelled" &&
+                name_of(ErrorCode::kInternal) == "internal");
   send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
 }
 

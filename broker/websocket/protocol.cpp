@@ -13,12 +13,12 @@ namespace {
 
 /// `out`: bytes or text.
 void append_header_to(Opcode opcode, std::size_t size, auto& out) {
-  const auto append = [&](std::size_t byte) { out.push_back(static_cast<std::uint8_t>(byte)); };
+  const auto append = [&](std::uint64_t byte) { out.push_back(static_cast<std::uint8_t>(byte)); };
   append(0x80 | static_cast<std::size_t>(opcode));
   if (size <= kMaxControlBytes) return append(size);
   const int bytes = size <= 0xffff ? 2 : 8;
   append(bytes == 2 ? 126 : 127);
-  for (int shift = 8 * (bytes - 1); shift >= 0; shift -= 8) append(size >> shift);
+  for (int shift = 8 * (bytes - 1); shift >= 0; shift -= 8) append(std::uint64_t{size} >> shift);
 }
 
 /// The first `max` bytes of `text` at most, without a partial character.

@@ -33,6 +33,7 @@ Value chosen_from(const char* id, const std::string& what, const Values& values,
 
 constexpr std::array kMaps{ColourMap::kViridis, ColourMap::kCividis, ColourMap::kCoolwarm, ColourMap::kTurbo,
                            ColourMap::kGrey};
+static_assert(kMaps.size() == kColourMaps);
 constexpr std::array kResolvers{ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone};
 
 void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, float scale) {
