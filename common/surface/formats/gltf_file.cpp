@@ -21,23 +21,23 @@ constexpr std::size_t kMaxJsonBytes = std::size_t{256} << 20;
 constexpr int kMaxNesting = 64;
 constexpr std::uint32_t kJsonChunk = 0x4E4F534A;
 
-/// Extensions KHR_... whose absence changes nothing that is read here.
-constexpr std::string_view kKnownExtensions[] = {"mesh_quantization",
-                                                 "texture_transform",
-                                                 "materials_unlit",
-                                                 "lights_punctual",
-                                                 "materials_ior",
-                                                 "materials_clearcoat",
-                                                 "materials_transmission",
-                                                 "materials_volume",
-                                                 "materials_specular",
-                                                 "materials_sheen",
-                                                 "materials_iridescence",
-                                                 "materials_anisotropy",
-                                                 "materials_dispersion",
-                                                 "materials_variants",
-                                                 "materials_emissive_strength",
-                                                 "materials_pbrSpecularGlossiness"};
+/// Extensions whose absence changes nothing that is read here.
+constexpr std::string_view kKnownExtensions[] = {"KHR_mesh_quantization",
+                                                 "KHR_texture_transform",
+                                                 "KHR_materials_unlit",
+                                                 "KHR_lights_punctual",
+                                                 "KHR_materials_ior",
+                                                 "KHR_materials_clearcoat",
+                                                 "KHR_materials_transmission",
+                                                 "KHR_materials_volume",
+                                                 "KHR_materials_specular",
+                                                 "KHR_materials_sheen",
+                                                 "KHR_materials_iridescence",
+                                                 "KHR_materials_anisotropy",
+                                                 "KHR_materials_dispersion",
+                                                 "KHR_materials_variants",
+                                                 "KHR_materials_emissive_strength",
+                                                 "KHR_materials_pbrSpecularGlossiness"};
 
 Result<std::string_view> json_of(std::string_view bytes, bool binary) {
   if (!binary) return bytes;
@@ -110,8 +110,7 @@ bool keep_image(tinygltf::Image* image, int, std::string*, std::string*, int, in
 
 Result<void> check_extensions(const tinygltf::Model& model) {
   for (const std::string& name : model.extensionsRequired) {
-    const std::string_view bare = name.rfind("KHR_", 0) == 0 ? std::string_view(name).substr(4) : std::string_view();
-    if (std::find(std::begin(kKnownExtensions), std::end(kKnownExtensions), bare) != std::end(kKnownExtensions))
+    if (std::find(std::begin(kKnownExtensions), std::end(kKnownExtensions), name) != std::end(kKnownExtensions))
       continue;
     return fail(ErrorCode::kUnsupported,
                 "it needs the extension " + text::quoted(name) + "; export it without compression");
