@@ -24,7 +24,7 @@ namespace eigencast::broker {
 /// Messages from the outbox wait in `write_queue_` and leave in one write at the end of the turn. When the socket takes
 /// only part of it, the connection is blocked: frames not begun go back to the outbox, which keeps the newest. Holds no
 /// read buffer while idle. Kept alive by its pending operations. Belongs to its event loop.
-class Connection : public std::enable_shared_from_this<Connection>, private Writer {
+class Connection : public std::enable_shared_from_this<Connection>, private SocketWriter {
  public:
   /// Sends `answer`, the head of the response to a checked upgrade, and runs.
   void start(std::string answer);
@@ -78,7 +78,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
 
  private:
-  // Writer. None of these throws.
+  // SocketWriter. None of these throws.
   void flush() override;
   int plain_socket() override;
   std::size_t pieces(std::span<iovec> out) override;

@@ -43,20 +43,20 @@ TimeUs Turn::begin_turn() {
   return *now_us_;
 }
 
-void Turn::add(Writer& writer, bool may_wait) {
-  if (writer.queue_ == Writer::Queue::kNow || (may_wait && writer.queue_ == Writer::Queue::kTick)) return;
+void Turn::add(SocketWriter& writer, bool may_wait) {
+  if (writer.queue_ == SocketWriter::Queue::kNow || (may_wait && writer.queue_ == SocketWriter::Queue::kTick)) return;
   forget(writer);
-  writer.queue_ = may_wait ? Writer::Queue::kTick : Writer::Queue::kNow;
+  writer.queue_ = may_wait ? SocketWriter::Queue::kTick : SocketWriter::Queue::kNow;
   auto& list = list_of(writer.queue_);
   writer.slot_ = static_cast<std::uint32_t>(list.size());
   list.push_back(&writer);
   may_wait ? arm_tick() : arm_end();
 }
 
-void Turn::forget(Writer& writer) {
-  if (writer.queue_ == Writer::Queue::kNone) return;
+void Turn::forget(SocketWriter& writer) {
+  if (writer.queue_ == SocketWriter::Queue::kNone) return;
   list_of(writer.queue_)[writer.slot_] = nullptr;
-  writer.queue_ = Writer::Queue::kNone;
+  writer.queue_ = SocketWriter::Queue::kNone;
 }
 
 void Turn::arm_end() {
@@ -88,16 +88,16 @@ void Turn::arm_tick() {
   });
 }
 
-void Turn::flush_all(std::vector<Writer*>& list) {
+void Turn::flush_all(std::vector<SocketWriter*>& list) {
   // Writers with bytes left, or with new output from the others' outcomes, enter the next turn.
   flushing_.clear();  // Left over from a failed turn.
   flushing_.swap(list);
   std::erase(flushing_, nullptr);
-  for (Writer* writer : flushing_) writer->queue_ = Writer::Queue::kNone;
+  for (SocketWriter* writer : flushing_) writer->queue_ = SocketWriter::Queue::kNone;
   if (ring_) {
     write_all(*ring_, flushing_);
   } else {
-    for (Writer* writer : flushing_) writer->flush();
+    for (SocketWriter* writer : flushing_) writer->flush();
   }
   flushing_.clear();
 }

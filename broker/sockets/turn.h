@@ -41,11 +41,12 @@ class Gathering {
   bool waits_ = false;
 };
 
-class Writer {
+/// The unsent output of a connection, which its Turn flushes. None of the functions may throw.
+class SocketWriter {
  public:
   static constexpr std::size_t kMaxPieces = 128;
 
-  virtual ~Writer() = default;
+  virtual ~SocketWriter() = default;
   virtual void flush() = 0;
   // For batched writes.
   /// Its socket, or -1 if only flush() works (TLS).
@@ -65,7 +66,7 @@ struct Uring;
 /// Serves many connections with few system calls. Errors: kUnsupported (built without it, or the kernel refused).
 Result<std::shared_ptr<Uring>> open_uring();
 /// Flushes all writers, those with a plain socket in batches that are complete when the call returns.
-void write_all(Uring& ring, std::span<Writer* const> writers);
+void write_all(Uring& ring, std::span<SocketWriter* const> writers);
 
 /// One turn of an event loop: the output of all ready handlers is written at its end, one write per connection. Under
 /// load, output of connections with several streams waits for the next tick (see Gathering). Writes go through io_uring
@@ -92,9 +93,9 @@ class Turn {
   bool writes_singly() const { return !ring_; }
 
   /// Flushes the writer at the end of this turn, or if it `may_wait` at the next tick.
-  void add(Writer& writer, bool may_wait);
+  void add(SocketWriter& writer, bool may_wait);
   /// Removes the writer; call before it ends.
-  void forget(Writer& writer);
+  void forget(SocketWriter& writer);
   /// Whether `poses` due to a connection of several streams may wait for the next tick.
   bool gathers(std::uint64_t poses) { return gathering_.waits(poses, now_us()); }
 
@@ -103,8 +104,10 @@ class Turn {
   void arm_end();
   void end_turn();
   void arm_tick();
-  std::vector<Writer*>& list_of(Writer::Queue queue) { return queue == Writer::Queue::kNow ? now_ : tick_; }
-  void flush_all(std::vector<Writer*>& list);
+  std::vector<SocketWriter*>& list_of(SocketWriter::Queue queue) {
+    return queue == SocketWriter::Queue::kNow ? now_ : tick_;
+  }
+  void flush_all(std::vector<SocketWriter*>& list);
 
   asio::io_context& loop_;
   LogSink log_;
@@ -112,9 +115,9 @@ class Turn {
   const bool wants_uring_;
   Gathering gathering_;
   std::shared_ptr<Uring> ring_;
-  std::vector<Writer*> now_;
-  std::vector<Writer*> tick_;
-  std::vector<Writer*> flushing_;  ///< Scratch.
+  std::vector<SocketWriter*> now_;
+  std::vector<SocketWriter*> tick_;
+  std::vector<SocketWriter*> flushing_;  ///< Scratch.
   Timer timer_;
   std::optional<TimeUs> now_us_;
   bool end_armed_ = false;

@@ -26,7 +26,7 @@ struct Uring {
   bool open = false;
   /// One write of a batch: `count` pieces from pieces[first] on.
   struct Write {
-    Writer* writer;
+    SocketWriter* writer;
     std::size_t first;
     std::size_t count;
   };
@@ -38,8 +38,8 @@ struct Uring {
     if (open) io_uring_queue_exit(&ring);
   }
 
-  void add(Writer& writer) {
-    std::array<iovec, Writer::kMaxPieces> all;
+  void add(SocketWriter& writer) {
+    std::array<iovec, SocketWriter::kMaxPieces> all;
     const std::size_t count = writer.pieces(all);
     if (count == 0) return;
     writes.push_back({&writer, pieces.size(), count});
@@ -100,12 +100,12 @@ Result<std::shared_ptr<Uring>> open_uring() {
     return fail(ErrorCode::kUnsupported, "the kernel refuses it: " + std::generic_category().message(-error));
   }
   opened->open = true;
-  opened->pieces.reserve(kBatch + Writer::kMaxPieces);
+  opened->pieces.reserve(kBatch + SocketWriter::kMaxPieces);
   return opened;
 }
 
-void write_all(Uring& ring, std::span<Writer* const> writers) {
-  for (Writer* writer : writers) {
+void write_all(Uring& ring, std::span<SocketWriter* const> writers) {
+  for (SocketWriter* writer : writers) {
     if (writer->plain_socket() < 0) {
       writer->flush();
       continue;
@@ -124,7 +124,7 @@ Result<std::shared_ptr<Uring>> open_uring() {
   return fail(ErrorCode::kUnsupported, "this program was built without liburing");
 }
 
-void write_all(Uring&, std::span<Writer* const>) {}
+void write_all(Uring&, std::span<SocketWriter* const>) {}
 
 #endif
 

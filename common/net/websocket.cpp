@@ -119,9 +119,9 @@ void tune(tcp::socket& socket) {
   set_option_int(fd, IPPROTO_TCP, TCP_NOTSENT_LOWAT, kKernelUnsentBytes);
 }
 
-class Connection final : public WebSocket {
+class BeastWebSocket final : public WebSocket {
  public:
-  Connection(WebSocketOptions options, WebSocketEvents events, LogSink log)
+  BeastWebSocket(WebSocketOptions options, WebSocketEvents events, LogSink log)
       : options_(std::move(options)),
         events_(std::move(events)),
         log_(std::move(log)),
@@ -135,7 +135,7 @@ class Connection final : public WebSocket {
     });
   }
 
-  ~Connection() override { stop(); }
+  ~BeastWebSocket() override { stop(); }
 
   SendStatus send_text(std::string text) override { return send({true, Bytes(text.begin(), text.end())}); }
   SendStatus send_binary(Bytes message) override { return send({false, std::move(message)}); }
@@ -467,7 +467,7 @@ class Connection final : public WebSocket {
 }  // namespace
 
 std::unique_ptr<WebSocket> WebSocket::start(WebSocketOptions options, WebSocketEvents events, LogSink log) {
-  return std::make_unique<Connection>(std::move(options), std::move(events), std::move(log));
+  return std::make_unique<BeastWebSocket>(std::move(options), std::move(events), std::move(log));
 }
 
 }  // namespace eigencast

@@ -12,7 +12,7 @@ namespace {
 
 using Steps = std::vector<std::string>;
 
-class TurnTest : public ::testing::Test, public Writer {
+class TurnTest : public ::testing::Test, public SocketWriter {
  protected:
   void flush() override { steps_.push_back("flush"); }
   int plain_socket() override { return -1; }
