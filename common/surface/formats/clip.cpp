@@ -23,28 +23,21 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool is_frame_ending(const std::string& ending) {
-  for (const char* known : {"obj", "off", "ply", "stl", "xyz", "npy", "pc2", "mdd"}) {
-    if (ending == known) return true;
-  }
-  return false;
-}
-
-bool is_gltf(const std::string& ending) {
-  return ending == "gltf" || ending == "glb";
+/// Whether the file is a clip by itself, and no frame of another.
+bool is_scene(const std::string& path) {
+  const auto kind = kind_of_file(path);
+  return kind == FileKind::kGltf || kind == FileKind::kForeign;
 }
 
 // Lists frames in natural order; `faces.npy` is not one. One that is a clip by itself, where there is nothing else.
 Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, const std::string& where) {
   std::erase_if(paths, [](const std::string& path) { return !text::is_file(path); });
   const auto frames_end = std::stable_partition(paths.begin(), paths.end(), [](const std::string& path) {
-    return is_frame_ending(text::ending_of(path)) && fs::path(path).filename() != "faces.npy";
+    return kind_of_file(path) && !is_scene(path) && fs::path(path).filename() != "faces.npy";
   });
   std::vector<std::string> others(frames_end, paths.end());
   paths.erase(frames_end, paths.end());
-  std::erase_if(others, [](const std::string& path) {
-    return !is_gltf(text::ending_of(path)) && !is_foreign(text::ending_of(path));
-  });
+  std::erase_if(others, [](const std::string& path) { return !is_scene(path); });
   if (paths.empty() && others.size() == 1) return others;
   if (paths.empty() && others.size() > 1) {
     return fail(ErrorCode::kInvalidArgument, where + ": " + std::to_string(others.size()) +
@@ -263,8 +256,10 @@ Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, cons
   const std::string first_path = paths->front();
   const bool is_one = paths->size() == 1;
   const std::string ending = text::ending_of(first_path);
-  if (is_one && is_gltf(ending)) return open_gltf_clip(first_path, given);
-  if (is_one && is_foreign(ending)) return open_foreign_clip(first_path, given);
+  if (is_one && is_scene(first_path)) {
+    return kind_of_file(first_path) == FileKind::kGltf ? open_gltf_clip(first_path, given)
+                                                       : open_foreign_clip(first_path, given);
+  }
   const ClipOptions options = is_one ? with_files_beside(given, first_path) : given;
   auto frames = frames_of(std::move(*paths));
   if (!frames) return frames.error();

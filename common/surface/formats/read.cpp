@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "common/surface/formats/read.h"
 
+#include <algorithm>
 #include <filesystem>
+#include <iterator>
 #include <new>
+#include <span>
 #include <string_view>
 
 #include "common/surface/formats/file_text.h"
@@ -30,12 +33,23 @@ Result<ParsedMesh> parse_xyz(std::string_view bytes) {
   return ParsedMesh{std::move(surface)};
 }
 
-struct MeshFormat {
+struct Format {
   std::string_view ending;
-  Result<ParsedMesh> (*parse)(std::string_view);
+  FileKind kind;
+  Result<ParsedMesh> (*parse)(std::string_view) = nullptr;  ///< Of meshes.
 };
-constexpr MeshFormat kMeshFormats[] = {
-    {"obj", parse_obj}, {"off", parse_off}, {"ply", parse_ply}, {"stl", parse_stl}, {"xyz", parse_xyz}};
+/// All but those of foreign.h.
+constexpr Format kFormats[] = {{"obj", FileKind::kMesh, parse_obj}, {"ply", FileKind::kMesh, parse_ply},
+                               {"off", FileKind::kMesh, parse_off}, {"stl", FileKind::kMesh, parse_stl},
+                               {"xyz", FileKind::kMesh, parse_xyz}, {"npy", FileKind::kArray},
+                               {"gltf", FileKind::kGltf},           {"glb", FileKind::kGltf},
+                               {"pc2", FileKind::kPointCache},      {"mdd", FileKind::kPointCache}};
+
+const Format* format_of(std::string_view ending) {
+  const auto found = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                  [&](const Format& format) { return format.ending == ending; });
+  return found == std::end(kFormats) ? nullptr : found;
+}
 
 Result<Surface> surface_from_npy(const std::string& path) {
   const auto file = NpyFile::open(path);
@@ -53,39 +67,45 @@ Result<Surface> surface_from_npy(const std::string& path) {
 }
 
 Result<Surface> surface_from_file(const std::string& path, Appearance& appearance) {
-  const std::string ending = text::ending_of(path);
-  if (ending == "npy") return surface_from_npy(path);
-  if (ending == "pc2" || ending == "mdd") {
+  const auto kind = kind_of_file(path);
+  if (!kind) return fail(ErrorCode::kUnsupported, path + ": files that end in " + readable_endings() + " can be read");
+  if (kind == FileKind::kArray) return surface_from_npy(path);
+  if (kind == FileKind::kPointCache) {
     const auto frames = open_point_cache(path);
     return frames ? frames->read(0, nullptr) : frames.error();
   }
-  const bool is_gltf = ending == "gltf" || ending == "glb";
-  if (is_gltf || is_foreign(ending)) {
-    const auto clip = is_gltf ? open_gltf_clip(path, {}) : open_foreign_clip(path, {});
+  if (kind != FileKind::kMesh) {
+    const auto clip = kind == FileKind::kGltf ? open_gltf_clip(path, {}) : open_foreign_clip(path, {});
     if (!clip) return clip.error();
     if ((*clip)->appearance() != nullptr) appearance = *(*clip)->appearance();
     return (*clip)->rest();
   }
-  for (const MeshFormat& format : kMeshFormats) {
-    if (format.ending != ending) continue;
-    const auto bytes = text::bytes_of_file(path);
-    if (!bytes) return bytes.error();
-    auto mesh = format.parse(*bytes);
-    if (!mesh) return in_context(path, mesh.error());
-    const auto folder = std::filesystem::path(path).parent_path();
-    add_obj_appearance(*mesh, folder.empty() ? "." : folder.string(), appearance);
-    return std::move(mesh->surface);
-  }
-  return fail(ErrorCode::kUnsupported, path + ": files that end in " + readable_endings() + " can be read");
+  const auto bytes = text::bytes_of_file(path);
+  if (!bytes) return bytes.error();
+  auto mesh = format_of(text::ending_of(path))->parse(*bytes);
+  if (!mesh) return in_context(path, mesh.error());
+  const auto folder = std::filesystem::path(path).parent_path();
+  add_obj_appearance(*mesh, folder.empty() ? "." : folder.string(), appearance);
+  return std::move(mesh->surface);
 }
 
 }  // namespace
 
+std::optional<FileKind> kind_of_file(const std::string& path) {
+  const std::string ending = text::ending_of(path);
+  if (const Format* format = format_of(ending)) return format->kind;
+  return is_foreign(ending) ? std::optional(FileKind::kForeign) : std::nullopt;
+}
+
 std::string readable_endings() {
   const std::string foreign = foreign_endings();
-  return "obj, ply, off, stl, xyz, npy, gltf, glb, pc2" +
-         (foreign.empty() ? std::string(" or mdd (built without assimp: no fbx, dae)")
-                          : ", mdd, " + foreign + " (through assimp)");
+  std::string all(kFormats[0].ending);
+  for (const Format& format : std::span(kFormats).subspan(1)) {
+    const bool last = foreign.empty() && &format == std::end(kFormats) - 1;
+    all.append(last ? " or " : ", ").append(format.ending);
+  }
+  return all +
+         (foreign.empty() ? std::string(" (built without assimp: no fbx, dae)") : ", " + foreign + " (through assimp)");
 }
 
 Result<Surface> read_surface(const std::string& path, Appearance* appearance) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "common/core/result.h"
@@ -8,6 +9,10 @@
 #include "common/surface/surface.h"
 
 namespace eigencast {
+
+enum class FileKind { kMesh, kArray, kPointCache, kGltf, kForeign };
+/// By the ending of a file's name; nothing: it cannot be read.
+std::optional<FileKind> kind_of_file(const std::string& path);
 
 /// For help texts: the endings that read_surface and open_clip know, "obj, ply, ...".
 std::string readable_endings();
