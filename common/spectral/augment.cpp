@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/core/worker_team.h"
+#include "common/spectral/eigenbasis.h"
 #include "common/spectral/multilevel.h"
 #include "common/spectral/panels.h"
 
