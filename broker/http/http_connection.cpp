@@ -102,6 +102,11 @@ bool HttpConnection::is_body_read() const {
   return wire_->parser->is_done();
 }
 
+bool HttpConnection::has_unknown_coding() const {
+  return wire_->parser->get().count("Transfer-Encoding") > 0 &&
+         !beast::iequals(joined_headers("Transfer-Encoding"), "chunked");
+}
+
 bool HttpConnection::is_body_limit(ErrorOf error) {
   return error == http::error::body_limit;
 }
@@ -135,10 +140,14 @@ void HttpConnection::read_head() {
   parser.body_limit(limits().body_bytes);
   arm(limits().head_ms);
   http::async_read_header(transport_, wire_->buffer, parser, [self = shared_from_this()](ErrorOf error, std::size_t) {
-    if (!error) return self->on_head();
     const auto answer = [&](HttpStatus status, ErrorCode code, const std::string& why) {
       self->answer_error(status, fail(code, why));
     };
+    if (!error && self->has_unknown_coding()) {
+      return answer(HttpStatus::kNotImplemented, ErrorCode::kUnsupported,
+                    "the only Transfer-Encoding that this broker knows is chunked");
+    }
+    if (!error) return self->on_head();
     if (is_body_limit(error)) {
       return answer(HttpStatus::kPayloadTooLarge, ErrorCode::kTooLarge,
                     std::string("the body is over ") + self->limits().body_limit);
@@ -155,7 +164,8 @@ void HttpConnection::read_head() {
 
 bool HttpConnection::can_keep_alive() const {
   const auto& parser = *wire_->parser;
-  if (!parser.is_header_done() || !limits().keeps || !parser.get().keep_alive()) return false;
+  if (!parser.is_header_done() || !limits().keeps || !parser.get().keep_alive() || has_unknown_coding()) return false;
+  if (parser.chunked() && parser.get().version() < 11) return false;  // RFC 9112, 6.1: its framing is faulty.
   return parser.is_done() || (parser.content_length().value_or(0) == 0 && !parser.chunked());
 }
 

@@ -36,6 +36,7 @@ enum class HttpStatus : std::uint16_t {
   kUpgradeRequired = 426,
   kHeaderFieldsTooLarge = 431,
   kInternalServerError = 500,
+  kNotImplemented = 501,
   kServiceUnavailable = 503,
   kInsufficientStorage = 507,
 };
@@ -67,6 +68,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Whether it asks for a WebSocket (RFC 6455, 4.2.1) and waits for the answer before it sends more.
   bool is_websocket_upgrade() const;
   bool is_body_read() const;
+  /// Whether the length of its body is unknown: it names a transfer coding other than chunked.
+  bool has_unknown_coding() const;
   /// Whether another request may follow: unread body bytes would be taken for it.
   bool can_keep_alive() const;
 

@@ -9,7 +9,9 @@ namespace eigencast::broker {
 namespace {
 
 using namespace testing;
+using ::testing::AnyOf;
 using ::testing::HasSubstr;
+using ::testing::StartsWith;
 using HttpSessionTest = ServiceTest;
 
 TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
@@ -47,6 +49,29 @@ TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
     EXPECT_EQ(answers->find("HTTP/1.1 "), answers->rfind("HTTP/1.1 ")) << *answers;
     EXPECT_THAT(*answers, HasSubstr("Connection: close")) << target;
   }
+}
+
+TEST_F(HttpSessionTest, UnknownTransferCodingIsNotImplemented) {
+  const std::string inner = "GET /v1/streams HTTP/1.1\r\n\r\n";
+  for (const std::string coding : {"gzip", "identity", "xchunked", "chunked, gzip", "gzip, chunked", "",
+                                   "chunked\r\nTransfer-Encoding: gzip", "gzip\r\nContent-Length: 5"}) {
+    for (const std::uint16_t port : {port_, admin_port_}) {
+      Wire wire(port);
+      wire.write("GET /v1/streams HTTP/1.1\r\nTransfer-Encoding: " + coding + "\r\n\r\n" + inner);
+      const std::string answers = wire.read_all().value_or("reset");
+      EXPECT_THAT(answers, AnyOf(StartsWith("HTTP/1.1 501"), StartsWith("HTTP/1.1 400"))) << coding;
+      EXPECT_EQ(answers.rfind("HTTP/1.1 "), 0u) << "the rest is not a request: " << answers;
+      EXPECT_THAT(answers, HasSubstr("Connection: close")) << coding;
+    }
+  }
+  Wire gzip(port_);
+  gzip.write("PUT /v1/assets/" + std::string(64, 'a') + " HTTP/1.1\r\nTransfer-Encoding: gzip\r\n\r\nx");
+  EXPECT_THAT(gzip.read_all().value_or("reset"), StartsWith("HTTP/1.1 501"));
+  Wire old(port_);
+  old.write("GET /v1/streams HTTP/1.0\r\nConnection: keep-alive\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" +
+            inner);
+  const std::string answers = old.read_all().value_or("reset");
+  EXPECT_EQ(answers.rfind("HTTP/1.1 "), 0u) << answers;
 }
 
 TEST_F(HttpSessionTest, SlowHeadTimesOut) {
