@@ -8,7 +8,8 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr const char* kResourceNames[] = {"connections", "publishers", "streams", "uploads"};
+constexpr const char* kResourceNames[] = {"connections", "publishers",   "streams",
+                                          "uploads",     "sent_streams", "waiting_streams"};
 
 std::string quoted_list(const StreamPatterns& patterns) {
   std::string out;
@@ -163,6 +164,19 @@ void Grant::give_back(Resource resource) {
   const auto index = static_cast<std::size_t>(resource);
   --taken_[index];
   for (Holder& holder : holders_) holder.account->resources[index].give_back();
+}
+
+Result<std::shared_ptr<void>> Grant::hold(Resource resource) const {
+  const Holder& holder = holders_.back();
+  const auto index = static_cast<std::size_t>(resource);
+  const std::int64_t most = policy_->quota(holder.is_token).resources[index];
+  if (!holder.account->resources[index].take(most)) return over(holder, kResourceNames[index], most);
+  return std::shared_ptr<void>(holder.account.get(),
+                               [account = holder.account, index](void*) { account->resources[index].give_back(); });
+}
+
+std::string Grant::holder() const {
+  return identity_.key.empty() ? "address " + identity_.client.address.limit_key() : identity_.key;
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {

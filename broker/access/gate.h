@@ -91,6 +91,9 @@ class Grant {
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
   Result<void> take(Resource resource);
   void give_back(Resource resource);
+  /// The same for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
+  Result<std::shared_ptr<void>> hold(Resource resource) const;
+  std::string holder() const;  ///< Whose limits hold() counts towards: a key among tokens and addresses.
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);

@@ -93,7 +93,8 @@ std::string_view bearer_of(std::string_view header) {
 
 template <typename Limits>
 Quota quota_from(const Limits& limits) {
-  return {{limits.connections, limits.publishers, limits.streams, limits.uploads},
+  return {{limits.connections, limits.publishers, limits.streams, limits.uploads, limits.sent_streams,
+           limits.waiting_streams},
           limits.messages_per_s,
           limits.upload_bytes_per_hour,
           limits.download_bytes_per_hour};

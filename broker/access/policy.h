@@ -49,8 +49,8 @@ struct Identity {
 /// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
 
-enum class Resource : std::uint8_t { kConnection, kPublisher, kStream, kUpload };
-inline constexpr std::size_t kResources = 4;
+enum class Resource : std::uint8_t { kConnection, kPublisher, kStream, kUpload, kSentStream, kWaitingStream };
+inline constexpr std::size_t kResources = 6;
 
 struct Quota {
   std::array<std::int64_t, kResources> resources{};

@@ -70,6 +70,13 @@ void Publisher::on_announce(const control::Announce& announce) {
     return answer(fail(ErrorCode::kNotFound,
                        "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
+  const Identity& identity = grant().identity();
+  const StreamHolder holder{grant().holder(), identity.key.empty() && !identity.local};
+  if (auto admitted = context().hub.admit(*stream_, holder, [this] { return grant().hold(Resource::kSentStream); });
+      !admitted) {
+    log(context().log, LogLevel::kWarning, name() + ": refused, " + admitted.error().message);
+    return refuse(admitted.error(), name_, websocket::CloseCode::kTryAgainLater);
+  }
   // No answer once the connection has ended.
   const auto granted = [self = weak_from_this(), this, announce](const Result<std::uint32_t>& epoch) {
     if (const auto alive = self.lock()) begin(announce, epoch);

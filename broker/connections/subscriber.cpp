@@ -59,7 +59,7 @@ void Subscriber::subscribe(const control::Subscribe& request) {
                                                  " streams, the most that limits.max_streams_per_connection allows"));
   }
   if (auto taken = watched ? Result<void>() : grant().take(Resource::kStream); !taken) return answer(taken.error());
-  const auto stream = context().hub.open(request.stream);
+  const auto stream = context().hub.open(request.stream, [this] { return grant().hold(Resource::kWaitingStream); });
   if (!stream) {
     if (!watched) grant().give_back(Resource::kStream);
     return answer(stream.error());
@@ -103,13 +103,6 @@ void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frame
 
 void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
   send_droppable(text);
-}
-
-void Subscriber::on_dismissed(Stream& stream, const Error& why) {
-  if (streams_.erase(stream.id()) != 0) grant().give_back(Resource::kStream);
-  outbox().close_lane(stream.id());
-  stream.unwatch(*this);
-  send_error(why, stream.name());
 }
 
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {

@@ -20,7 +20,6 @@ class Subscriber final : public Watcher, public Connection {
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
-  void on_dismissed(Stream& stream, const Error& why) override;
   void describe(ClientInfo& info) const override;
 
  private:

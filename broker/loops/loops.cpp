@@ -125,7 +125,8 @@ struct Loops::Other {
   std::thread thread;
 };
 
-Loops::Loops(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps) {
+Loops::Loops(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps)
+    : ids_(std::make_shared<StreamIds>(static_cast<std::size_t>(config.limits.max_waiting_streams))) {
   const std::size_t others = loops_wanted(config) - 1;
   if (others > 0) {
     origin_ = std::make_unique<MirrorOrigin>(others, origin_environment());

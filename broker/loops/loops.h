@@ -88,7 +88,7 @@ class Loops {
   MirrorOrigin::Environment origin_environment();
   MirrorSet::Environment mirror_environment(std::size_t index);
 
-  const std::shared_ptr<StreamIds> ids_ = std::make_shared<StreamIds>();
+  const std::shared_ptr<StreamIds> ids_;
   std::atomic<std::uint64_t> last_connection_id_{0};
   std::unique_ptr<MirrorOrigin> origin_;  ///< Null: there is one loop.
   std::unique_ptr<Loop> first_;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "broker/relay/hub.h"
 
+#include <algorithm>
 #include <cassert>
+#include <tuple>
 
 namespace eigencast::broker {
 namespace {
@@ -12,16 +14,34 @@ bool is_idle(const Stream& stream) {
 
 }  // namespace
 
-Result<Stream*> Hub::open(std::string_view name) {
+Result<Stream*> Hub::open(std::string_view name, const Charge& charge) {
+  auto share = settings_.ids->of(name, charge);
+  if (!share) return share.error();
   if (Stream* stream = find(name)) return stream;
-  if (streams_.size() >= settings_.max_streams && !make_room()) {
-    return fail(ErrorCode::kTooLarge, "all " + std::to_string(settings_.max_streams) +
-                                          " streams that limits.max_streams allows are in use: raise it, or stop one");
-  }
-  auto made = std::make_unique<Stream>(std::string(name), settings_.ids->of(name), settings_.stream);
+  auto made = std::make_unique<Stream>(std::string(name), std::move(*share), settings_.stream);
   Stream* stream = streams_.emplace(std::string(name), std::move(made)).first->second.get();
   if (settings_.on_opened) settings_.on_opened(*stream);
   return stream;
+}
+
+Result<void> Hub::admit(Stream& stream, const StreamHolder& holder, const Charge& charge) {
+  if (stream.charge_ && stream.holder_.key == holder.key) return {};
+  auto charged = charge();
+  if (!charged && make_room(holder, true)) charged = charge();
+  if (!charged) return charged.error();
+  if (!stream.charge_ && admitted_ >= settings_.max_streams && !make_room(holder, false)) {
+    return fail(ErrorCode::kTooLarge, "all " + std::to_string(settings_.max_streams) +
+                                          " streams that limits.max_streams allows are in use: raise it, or stop one");
+  }
+  discharge(stream);
+  ++admitted_;
+  stream.charge_ = std::move(*charged);
+  stream.holder_ = holder;
+  return {};
+}
+
+void Hub::discharge(Stream& stream) {
+  if (std::exchange(stream.charge_, nullptr)) --admitted_;
 }
 
 Stream* Hub::find(std::string_view name) {
@@ -30,7 +50,8 @@ Stream* Hub::find(std::string_view name) {
 }
 
 void Hub::unwatched(Stream& stream) {
-  if (is_idle(stream) && stream.epoch() == 0) forget(streams_.find(stream.name()));
+  if (!stream.has_publisher() && stream.epoch() == 0) discharge(stream);
+  if (is_idle(stream) && !stream.charge_) forget(streams_.find(stream.name()));
 }
 
 void Hub::drop(Stream& stream) {
@@ -72,6 +93,7 @@ void Hub::forget(decltype(streams_)::iterator stream) {
   std::erase(dirty_, stream->second.get());
   std::erase(delivered_, stream->second.get());
   unschedule(*stream->second);
+  discharge(*stream->second);
   streams_.erase(stream);
 }
 
@@ -102,15 +124,25 @@ std::vector<const Stream*> Hub::streams() const {
   return all;
 }
 
-bool Hub::make_room() {
-  // The idle stream with the oldest epoch.
-  auto oldest = streams_.end();
-  for (auto it = streams_.begin(); it != streams_.end(); ++it) {
-    if (is_idle(*it->second) && (oldest == streams_.end() || it->second->epoch() < oldest->second->epoch()))
-      oldest = it;
+/// Removes a stream without publisher and watchers, one of the holder only if `own`; false: there is none.
+bool Hub::make_room(const StreamHolder& holder, bool own) {
+  std::map<std::string_view, std::size_t> held;
+  std::vector<const Stream*> idle;
+  for (const auto& [name, stream] : streams_) {
+    if (!stream->charge_ || !is_idle(*stream)) continue;
+    ++held[stream->holder_.key];
+    const bool mine = stream->holder_.key == holder.key;
+    if (own ? mine : !holder.stranger || stream->holder_.stranger) idle.push_back(stream.get());
   }
-  if (oldest == streams_.end()) return false;
-  forget(oldest);
+  // Strangers' go first, then the holder's own, those of the holder of most, and the oldest.
+  const auto rank = [&](const Stream* stream) {
+    return std::tuple(!stream->holder_.stranger, stream->holder_.key != holder.key,
+                      -static_cast<std::int64_t>(held.at(stream->holder_.key)), stream->epoch());
+  };
+  const auto first =
+      std::min_element(idle.begin(), idle.end(), [&](const Stream* a, const Stream* b) { return rank(a) < rank(b); });
+  if (first == idle.end()) return false;
+  forget(streams_.find((*first)->name()));
   return true;
 }
 

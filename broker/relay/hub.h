@@ -15,12 +15,12 @@
 
 namespace eigencast::broker {
 
-/// All streams of an event loop by name. One without publisher, watchers and poses is removed; one that holds a last
-/// pose stays until max_streams needs its slot. Belongs to its loop.
+/// All streams of an event loop by name. One without publisher and watchers is removed, unless it holds the last pose
+/// of a sender of this broker: it stays until max_streams needs its slot. Belongs to its loop.
 class Hub {
  public:
   struct Settings {
-    std::size_t max_streams = 1024;  ///< (default: 1,024)
+    std::size_t max_streams = 1024;  ///< Admitted ones (default: 1,024).
     Stream::Settings stream{};
     std::shared_ptr<StreamIds> ids = std::make_shared<StreamIds>();  ///< Shared by all hubs of a broker.
     std::function<void(Stream&)> on_opened = {};                     ///< Called for each new stream.
@@ -28,8 +28,11 @@ class Hub {
 
   explicit Hub(const Settings& settings) : settings_(settings) {}
 
-  /// Finds or creates the stream. REQUIRES: check_stream_name passed. Errors: kTooLarge (max_streams).
-  Result<Stream*> open(std::string_view name);
+  /// Finds or creates the stream. REQUIRES: check_stream_name passed. Errors: those of StreamIds::of().
+  Result<Stream*> open(std::string_view name, const Charge& charge = {});
+  /// Call before a sender of this broker announces: gives the stream one of max_streams, at the cost of `holder`. At a
+  /// limit a stream without publisher and watchers makes room. Errors: kTooLarge (max_streams); those of `charge`.
+  Result<void> admit(Stream& stream, const StreamHolder& holder, const Charge& charge);
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`. May destroy the stream.
   void unwatched(Stream& stream);
@@ -51,11 +54,13 @@ class Hub {
  private:
   void schedule(Stream& stream);
   void unschedule(Stream& stream);
-  bool make_room();
+  bool make_room(const StreamHolder& holder, bool own);
+  void discharge(Stream& stream);
   void forget(std::map<std::string, std::unique_ptr<Stream>, std::less<>>::iterator stream);
 
   Settings settings_;
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
+  std::size_t admitted_ = 0;
   std::vector<Stream*> dirty_;
   std::vector<Stream*> delivered_;                ///< By the last deliver(); not prepared yet.
   std::set<std::pair<TimeUs, Stream*>> wakeups_;  ///< Streams by Stream::wake_us_.

@@ -16,7 +16,7 @@ void MirrorOrigin::take(Hub& hub, std::size_t loop, const MirrorRequests& reques
       continue;
     }
     const auto found = followed_.find(request.stream);
-    if (found == followed_.end() || !found->second.trace_every.contains(loop)) continue;  // It was refused.
+    if (found == followed_.end() || !found->second.trace_every.contains(loop)) continue;
     if (request.kind == MirrorRequest::Kind::kRelease) {
       release_stream(hub, loop, found->second);
       continue;
@@ -35,7 +35,7 @@ void MirrorOrigin::notify_sender(const Followed& followed) {
 
 void MirrorOrigin::follow(Hub& hub, std::size_t loop, const MirrorRequest& request) {
   const auto stream = hub.open(request.stream);
-  if (!stream) return push(loop, {request.stream_id, std::make_shared<const Error>(stream.error())});
+  if (!stream) return;  // No ids left: the mirror, which has one, is gone.
   Followed& followed = followed_[request.stream];
   followed.stream = *stream;
   followed.trace_every[loop] = 0;
@@ -80,12 +80,11 @@ void MirrorOrigin::broadcast(const Stream& stream, const MirrorEvent& event) {
 
 void MirrorOrigin::push(std::size_t loop, MirrorEvent event) {
   Channel& channel = channels_[loop];
-  const auto is_answer = [](const MirrorEvent& one) { return std::holds_alternative<MirrorEvent::ErrorPtr>(one.what); };
-  if (channel.behind && !is_answer(event)) return;
+  if (channel.behind) return;
   channel.waiting.push_back(std::move(event));
   if (channel.sent + channel.waiting.size() - environment_.taken(loop) > kMaxInFlight) {
     channel.behind = true;
-    std::erase_if(channel.waiting, [&](const MirrorEvent& one) { return !is_answer(one); });
+    channel.waiting.clear();
   }
   arm();
 }
@@ -126,8 +125,7 @@ class MirrorSet::Mirror final : public PublisherLink {
 
   Stream& stream;
   bool changed = false;
-  bool synced = false;   ///< The origin has answered: earlier events belong to a previous mirror of the stream.
-  bool refused = false;  ///< The origin refused the stream: its watchers were dismissed; later ones request it again.
+  bool synced = false;  ///< The origin has answered: earlier events belong to a previous mirror of the stream.
 
  private:
   MirrorSet& mirrors_;
@@ -160,7 +158,6 @@ void MirrorSet::flush(Hub& hub) {
     Stream& stream = mirror.stream;
     mirror.changed = false;
     if (stream.watchers_here() > 0) {
-      if (std::exchange(mirror.refused, false)) request(MirrorRequest::Kind::kFollow, stream);
       request(MirrorRequest::Kind::kChanged, stream);
       continue;
     }
@@ -185,9 +182,6 @@ void MirrorSet::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
       } else if (!stream.restore(**snapshot)) {
         continue;  // Unreachable: the origin accepted the same snapshot.
       }
-    } else if (const auto* error = std::get_if<MirrorEvent::ErrorPtr>(&event.what)) {
-      mirror.refused = true;
-      stream.dismiss(**error);
     } else if (!mirror.synced) {
       continue;
     } else if (const auto* record = std::get_if<KeyRecordPtr>(&event.what)) {

@@ -19,10 +19,9 @@ namespace eigencast::broker {
 struct MirrorEvent {
   struct Stalled {};
   using TracePtr = std::shared_ptr<const control::Trace>;
-  using ErrorPtr = std::shared_ptr<const Error>;
   std::uint32_t stream_id = 0;
-  /// SnapshotPtr: the answer to kFollow, and each announcement. ErrorPtr: why the stream is unavailable.
-  std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr, ErrorPtr> what;
+  /// SnapshotPtr: the answer to kFollow, and each announcement.
+  std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr> what;
 };
 using MirrorEvents = std::vector<MirrorEvent>;
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <limits>
 #include <utility>
 
 #include "broker/websocket/protocol.h"
@@ -30,17 +31,44 @@ std::shared_ptr<const std::string> framed_text(const control::Trace& trace) {
 
 }  // namespace
 
-std::shared_ptr<StreamShare> StreamIds::of(std::string_view name) {
+void StreamShare::announce() {
+  const std::lock_guard lock(mutex);
+  announced = true;
+  charge.reset();
+}
+
+Result<std::shared_ptr<void>> StreamIds::pay(const Charge& charge) {
+  if (waiting_ >= max_waiting_) {
+    return fail(ErrorCode::kTooLarge, std::to_string(max_waiting_) +
+                                          " streams are watched that nobody sends, the most that "
+                                          "limits.max_waiting_streams allows: try again once the sender has begun");
+  }
+  const auto paid = charge();
+  if (!paid) return paid;
+  ++waiting_;
+  return std::shared_ptr<void>(paid->get(), [this, paid = *paid](void*) { --waiting_; });
+}
+
+Result<std::shared_ptr<StreamShare>> StreamIds::of(std::string_view name, const Charge& charge) {
   const std::lock_guard lock(mutex_);
   const auto found = shares_.find(name);
-  if (found != shares_.end()) {
-    if (auto known = found->second.lock()) return known;
+  auto share = found == shares_.end() ? nullptr : found->second.lock();
+  if (!share) {
+    if (last_ == std::numeric_limits<std::uint32_t>::max()) {
+      return fail(ErrorCode::kTooLarge, "this broker has given all its stream ids: restart it");
+    }
+    share = std::make_shared<StreamShare>(last_ + 1);
   }
+  const std::lock_guard share_lock(share->mutex);
+  if (charge && !share->announced && !share->charge) {
+    if (auto stored = store(share->charge, pay(charge)); !stored) return stored.error();
+  }
+  if (share->id <= last_) return share;
+  last_ = share->id;
   if (shares_.size() >= sweep_at_) {
     std::erase_if(shares_, [](const auto& item) { return item.second.expired(); });
     sweep_at_ = 2 * shares_.size() + 64;
   }
-  auto share = std::make_shared<StreamShare>(++last_);
   shares_.insert_or_assign(std::string(name), share);
   return share;
 }
@@ -101,6 +129,7 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
     const auto codec = codec_from_name(format.codec);
     if (!codec) return codec.error();
     present_ = snapshot;
+    share_->announce();
     layout_ = {*codec, format.rows, format.channels, format.band_ends};
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
     groups_.clear();
@@ -109,10 +138,6 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
   awaits_snapshot_ = false;
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
   return {};
-}
-
-void Stream::dismiss(const Error& why) {
-  for (Watcher* watcher : std::vector<Watcher*>(order_)) watcher->on_dismissed(*this, why);
 }
 
 Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {

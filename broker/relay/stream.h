@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -28,8 +29,6 @@ class Watcher {
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
   virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) = 0;
   virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
-  /// The stream is unavailable; the watcher must call unwatch() within the call.
-  virtual void on_dismissed(Stream& stream, const Error& why) = 0;
 };
 
 /// The sender of a stream.
@@ -59,20 +58,41 @@ class StreamTap {
 /// State of one stream that all event loops share. Thread-safe.
 struct StreamShare {
   explicit StreamShare(std::uint32_t given) : id(given) {}
+  void announce();
   const std::uint32_t id;
   std::atomic<std::uint32_t> watchers{0};  ///< In all loops.
+  std::mutex mutex;
+  bool announced = false;        ///< GUARDED_BY(mutex)
+  std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
 };
 
-/// Assigns stream ids: the same in every loop while any loop knows the name, and never reused. Thread-safe.
+/// Counts something towards somebody's limit until the pointer ends. Errors: kRefused (the limit is reached).
+using Charge = std::function<Result<std::shared_ptr<void>>()>;
+
+/// Who sends a stream.
+struct StreamHolder {
+  std::string key;
+  bool stranger = false;  ///< Without a token, from elsewhere: displaces poses of strangers only.
+};
+
+/// Assigns stream ids: the same in every loop while any loop knows the name, and never reused. Thread-safe. Outlives
+/// the shares.
 class StreamIds {
  public:
-  std::shared_ptr<StreamShare> of(std::string_view name);
+  explicit StreamIds(std::size_t max_waiting = 4096, std::uint32_t last = 0) : max_waiting_(max_waiting), last_(last) {}
+  /// `charge`: of a viewer, taken if nobody has announced the stream and nobody pays for it yet.
+  /// Errors: kTooLarge (max_waiting, no ids left); those of `charge`.
+  Result<std::shared_ptr<StreamShare>> of(std::string_view name, const Charge& charge = {});
 
  private:
+  Result<std::shared_ptr<void>> pay(const Charge& charge);
+
+  const std::size_t max_waiting_;
+  std::atomic<std::size_t> waiting_{0};  ///< Shares with a charge.
   std::mutex mutex_;
   std::map<std::string, std::weak_ptr<StreamShare>, std::less<>> shares_;  ///< GUARDED_BY(mutex_)
   std::size_t sweep_at_ = 64;                                              ///< GUARDED_BY(mutex_)
-  std::uint32_t last_ = 0;                                                 ///< GUARDED_BY(mutex_)
+  std::uint32_t last_;                                                     ///< GUARDED_BY(mutex_)
 };
 
 /// The state of a stream from which another event loop can continue.
@@ -126,7 +146,6 @@ class Stream {
   Result<void> restore(const Snapshot& snapshot);
   void take_record(const KeyRecordPtr& record, TimeUs now_us);
   void stall();
-  void dismiss(const Error& why);
 
   // For the stream that is mirrored.
 
@@ -214,6 +233,8 @@ class Stream {
   std::vector<Watcher*> order_;    ///< All watchers, in order of arrival.
   bool has_pending_ = false;       ///< In any group.
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
+  std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
+  StreamHolder holder_;
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;

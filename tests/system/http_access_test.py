@@ -26,7 +26,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
 import cases
 import payloads
-from websocket_peer import Broker, ports_of
+from websocket_peer import TEXT, Broker, Peer, frame, ports_of
 
 BROKER = None
 
@@ -87,6 +87,56 @@ class SlowUpload:
                 self.socket.settimeout(60)
                 return (first + self.rest()).decode()
             self.socket.sendall(b"x")
+
+
+SECRET = "a secret of the tests, of more than 32 bytes"
+
+
+def token(subject):
+    """A signed token for all streams."""
+    rights = {"pub": ["**"], "sub": ["**"]}
+    return signed_token(SECRET, {"sub": subject, "aud": "eigencast", "exp": int(time.time()) + 3600, "eigencast": rights})
+
+
+def connect(port, path, subject=None):
+    """A WebSocket, of a token or of nobody."""
+    return Peer(port, path, "eigencast.v1", [f"Authorization: Bearer {token(subject)}"] if subject else [])
+
+
+def order(peer, op, **fields):
+    peer.send(frame(TEXT, json.dumps({"op": op, **fields}).encode()))
+
+
+def hear(peer, *ops):
+    """The next message of one of these ops."""
+    while True:
+        opcode, payload = peer.receive()
+        message = json.loads(payload) if opcode == TEXT else {"op": "closed", "code": int.from_bytes(payload[:2], "big")}
+        if message["op"] in (*ops, "closed"):
+            return message
+
+
+def announce(port, stream, subject=None):
+    """A sender, and what its announcement was answered."""
+    sender = connect(port, f"/v1/publish/{stream}", subject)
+    sender.send(frame(TEXT, payloads.announce(payloads.asset()[1], 4, "float32").encode()))
+    return sender, hear(sender, "announced", "error")
+
+
+def state_of(port, stream):
+    viewer = connect(port, f"/v1/subscribe/{stream}")
+    try:
+        return hear(viewer, "stream")["state"]
+    finally:
+        viewer.sock.close()
+
+
+def flap(port, streams, subject=None):
+    """Senders that come and go, each under a new name."""
+    for stream in streams:
+        sender, answer = announce(port, stream, subject)
+        assert answer["op"] == "announced", answer
+        sender.sock.close()
 
 
 class HttpAccess(unittest.TestCase):
@@ -191,6 +241,59 @@ class HttpAccess(unittest.TestCase):
                 time.sleep(0.0002)
             shutil.rmtree(broker.folder)
             self.assertEqual(broker.process.returncode, 0)
+
+    def start_with_asset(self, *flags):
+        data, admin = self.start(f"--access-jwt-secret={SECRET}", *flags)
+        body, name = payloads.asset()
+        self.assertIn(ask(data, "PUT", f"/v1/assets/{name}", body)[0], (200, 201))
+        return data, admin
+
+    def test_invented_names_refuse_no_sender(self):
+        for threads in (1, 2):
+            data, _ = self.start_with_asset(f"--threads={threads}")
+            strangers = [connect(data, "/v1/subscribe") for _ in range(16)]
+            refused = 0
+            for i, stranger in enumerate(strangers):
+                for j in range(64):
+                    order(stranger, "subscribe", stream=f"invented/{i}/{j}")
+            for stranger in strangers:
+                refused += sum(hear(stranger, "stream", "error")["op"] == "error" for _ in range(64))
+            sender, answer = announce(data, "real", "camera")
+            self.assertEqual(answer["op"], "announced", answer)
+            self.assertEqual(refused, 16 * 64 - 256, "per_address.waiting_streams")
+            crowd = [connect(data, "/v1/subscribe/real") for _ in range(100)]
+            self.assertEqual({hear(viewer, "stream", "error")["state"] for viewer in crowd}, {"live"}, "100 viewers of the same address")
+            waiting = connect(data, "/v1/subscribe/soon", "viewer")
+            self.assertEqual(hear(waiting, "stream", "error").get("state"), "waiting", "a token has a quota of its own")
+            order(strangers[0], "unsubscribe", stream="invented/0/0")
+            answer = {}
+            while answer.get("op") != "stream":  # What is given back can be taken again, once all loops know.
+                order(strangers[0], "subscribe", stream="again")
+                answer = hear(strangers[0], "stream", "error")
+                self.assertNotEqual(answer["op"], "closed")
+            sender.sock.close()
+
+    def test_flapping_senders_evict_their_own_poses(self):
+        data, _ = self.start_with_asset("--limits-max-streams=8")
+        flap(data, ["kept"], "camera")
+        flap(data, [f"flap/{i}" for i in range(20)], "other")
+        flap(data, [f"flap/anonymous/{i}" for i in range(20)])
+        self.assertEqual(state_of(data, "kept"), "stalled")
+        self.assertEqual(announce(data, "kept", "camera")[1]["op"], "announced")
+
+    def test_streams_left_with_viewers_are_limited_by_holder(self):
+        data, _ = self.start_with_asset("--limits-max-streams=8", "--per-token-sent-streams=4")
+        viewer = connect(data, "/v1/subscribe")
+        answers = []
+        for i in range(8):
+            sender, answer = announce(data, f"left/{i}", "other")
+            order(viewer, "subscribe", stream=f"left/{i}")
+            while hear(viewer, "stream")["stream"] != f"left/{i}":
+                pass  # An earlier one stalled.
+            sender.sock.close()
+            answers.append(answer["op"])
+        self.assertEqual(announce(data, "real", "camera")[1]["op"], "announced")
+        self.assertEqual(answers, 4 * ["announced"] + 4 * ["error"])
 
     def test_download_bytes_per_address_are_limited(self):
         body, name = payloads.asset()

@@ -44,6 +44,23 @@ class FakeSender : public PublisherLink {
   std::optional<ChainState> state_;
 };
 
+/// Something that `most` may hold at a time.
+class FakeAccount {
+ public:
+  explicit FakeAccount(std::size_t most = 1000) : most_(most) {}
+  Charge charge() {
+    return [this]() -> Result<std::shared_ptr<void>> {
+      if (held() >= most_) return fail(ErrorCode::kRefused, "no more");
+      return std::shared_ptr<void>(held_);
+    };
+  }
+  std::size_t held() const { return static_cast<std::size_t>(held_.use_count()) - 1; }
+
+ private:
+  const std::size_t most_;
+  const std::shared_ptr<int> held_ = std::make_shared<int>();
+};
+
 /// A receiver that follows docs/protocol.md and counts frames that it cannot decode.
 class FakeReceiver : public Watcher {
  public:
@@ -55,7 +72,6 @@ class FakeReceiver : public Watcher {
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frames(const Stream&, std::span<const FramePtr> received) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
-  void on_dismissed(Stream& stream, const Error&) override { stream.unwatch(*this); }
 
   virtual void on_frame(const FramePtr& frame);
   void decode(const Frame& frame);

@@ -3,11 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include "tests/unit/broker/support.h"
 
 namespace eigencast::broker {
 namespace {
 
+using testing::FakeAccount;
 using testing::FakeReceiver;
 using testing::FakeSender;
 using testing::kFull;
@@ -55,26 +58,130 @@ TEST(HubTest, PumpsStreamsWhenDue) {
   EXPECT_EQ(hub.next_due_us(), streams[1]->next_due_us());
 }
 
-TEST(HubTest, IdsAreStableAndUnusedStreamsMakeRoom) {
-  Hub hub({2, {}});
-  Stream* a = hub.open("a").value();
-  EXPECT_EQ(hub.open("a").value(), a);
-  FakeSender sender;
-  ASSERT_TRUE(a->claim(sender));
-  ASSERT_TRUE(a->announce(small_announce(), 1));
-  Stream* b = hub.open("b").value();
+class RoomTest : public ::testing::Test {
+ protected:
+  /// Whether the sender may announce.
+  Result<void> announce(FakeSender& sender, const std::string& name, const StreamHolder& holder, FakeAccount& account) {
+    Stream* stream = hub_.open(name).value();
+    EXPECT_TRUE(stream->claim(sender));
+    auto admitted = hub_.admit(*stream, holder, account.charge());
+    if (admitted) {
+      EXPECT_TRUE(stream->announce(small_announce(), ++epoch_));
+    }
+    return admitted;
+  }
+  void leave(FakeSender& sender, const std::string& name) {
+    Stream* stream = hub_.find(name);
+    stream->release(sender);
+    hub_.unwatched(*stream);
+  }
+  /// A sender that comes and goes.
+  Result<void> flap(const std::string& name, const StreamHolder& holder, FakeAccount& account) {
+    FakeSender sender;
+    auto admitted = announce(sender, name, holder, account);
+    leave(sender, name);
+    return admitted;
+  }
+  bool holds(const std::string& name) { return hub_.find(name) != nullptr; }
+
+  Hub hub_{{.max_streams = 4, .ids = std::make_shared<StreamIds>(100)}};
+  FakeAccount account_;
+  std::uint32_t epoch_ = 0;
+  const StreamHolder camera_{"camera"}, other_{"other"}, stranger_{"address", true};
+};
+
+TEST_F(RoomTest, StreamsStayForWatchersOrHeldPoses) {
+  Stream* a = hub_.open("a").value();
+  EXPECT_EQ(hub_.open("a").value(), a);
+  Stream* b = hub_.open("b").value();
+  EXPECT_NE(a->id(), b->id());
+  ASSERT_TRUE(flap("a", camera_, account_));
+  EXPECT_EQ(hub_.find("a"), a) << "its last pose is held";
   FakeReceiver receiver;
   ASSERT_TRUE(b->watch(receiver, kRaw));
-  EXPECT_NE(a->id(), b->id());
-  EXPECT_EQ(hub.open("c").error().code, ErrorCode::kTooLarge);
-  a->release(sender);
-  hub.unwatched(*a);
-  EXPECT_EQ(hub.find("a"), a) << "its last pose is held";
-  EXPECT_TRUE(hub.open("c"));
-  EXPECT_EQ(hub.find("a"), nullptr) << "it made room";
   b->unwatch(receiver);
-  hub.unwatched(*b);
-  EXPECT_EQ(hub.find("b"), nullptr) << "it never had a pose";
+  hub_.unwatched(*b);
+  EXPECT_FALSE(holds("b")) << "it never had a pose";
+}
+
+TEST_F(RoomTest, InventedNamesLeaveSendersTheirRoom) {
+  FakeAccount viewers;
+  std::vector<Stream*> names;
+  std::vector<FakeReceiver> receivers(100);
+  for (std::size_t i = 0; i < 100; ++i) {
+    names.push_back(hub_.open("invented/" + std::to_string(i), viewers.charge()).value());
+    ASSERT_TRUE(names.back()->watch(receivers[i], kRaw));
+  }
+  EXPECT_EQ(hub_.open("one more", viewers.charge()).error().code, ErrorCode::kTooLarge);
+  EXPECT_FALSE(holds("one more"));
+  std::array<FakeSender, 5> senders;
+  for (std::size_t i = 0; i < 4; ++i) ASSERT_TRUE(announce(senders[i], std::to_string(i), camera_, account_));
+  EXPECT_EQ(announce(senders[4], "invented/0", camera_, account_).error().code, ErrorCode::kTooLarge);
+  leave(senders[4], "invented/0");
+  leave(senders[3], "3");
+  EXPECT_EQ(viewers.held(), 100u);
+  ASSERT_TRUE(announce(senders[4], "invented/0", camera_, account_));
+  EXPECT_EQ(viewers.held(), 99u) << "a sender has announced it";
+  EXPECT_TRUE(hub_.open("one more", viewers.charge()));
+  EXPECT_EQ(account_.held(), 4u);
+}
+
+TEST_F(RoomTest, UnannouncedNameIsChargedWhoeverOpenedIt) {
+  FakeAccount viewers;
+  FakeSender sender;
+  Stream* stream = hub_.open("a").value();
+  ASSERT_TRUE(stream->claim(sender));
+  ASSERT_TRUE(hub_.admit(*stream, camera_, account_.charge()));
+  FakeReceiver receiver;
+  ASSERT_TRUE(hub_.open("a", viewers.charge()).value()->watch(receiver, kRaw));
+  EXPECT_EQ(viewers.held(), 1u);
+  leave(sender, "a");
+  EXPECT_EQ(account_.held(), 0u) << "its sender never announced it";
+  stream->unwatch(receiver);
+  hub_.unwatched(*stream);
+  EXPECT_EQ(viewers.held(), 0u);
+}
+
+TEST_F(RoomTest, FlappingSendersDisplaceTheirOwnPoses) {
+  ASSERT_TRUE(flap("kept/1", camera_, account_));
+  ASSERT_TRUE(flap("kept/2", camera_, account_));
+  ASSERT_TRUE(flap("kept/3", camera_, account_));
+  for (int i = 0; i < 20; ++i) ASSERT_TRUE(flap("flap/" + std::to_string(i), other_, account_));
+  EXPECT_TRUE(holds("kept/1") && holds("kept/2") && holds("kept/3") && holds("flap/19"));
+  for (int i = 0; i < 20; ++i) (void)flap("stranger/" + std::to_string(i), stranger_, account_);
+  EXPECT_TRUE(holds("kept/1") && holds("kept/2") && holds("flap/19")) << "strangers displace no token's pose";
+  EXPECT_EQ(hub_.size(), 4u);
+}
+
+TEST_F(RoomTest, SenderDisplacesStrangersFirst) {
+  ASSERT_TRUE(flap("stranger", stranger_, account_));
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(flap("own/" + std::to_string(i), camera_, account_));
+  ASSERT_TRUE(flap("new", camera_, account_));
+  EXPECT_FALSE(holds("stranger"));
+  ASSERT_TRUE(flap("newer", other_, account_));
+  EXPECT_FALSE(holds("own/0")) << "the oldest of the holder of most";
+}
+
+TEST_F(RoomTest, HolderAtItsLimitGivesUpItsOldestPose) {
+  FakeAccount two(2);
+  FakeReceiver receiver;
+  ASSERT_TRUE(flap("watched", other_, two));
+  ASSERT_TRUE(hub_.find("watched")->watch(receiver, kRaw));
+  ASSERT_TRUE(flap("a", other_, two));
+  ASSERT_TRUE(flap("b", other_, two));
+  EXPECT_TRUE(!holds("a") && holds("b"));
+  ASSERT_TRUE(hub_.find("b")->watch(receiver, kRaw));
+  EXPECT_EQ(flap("c", other_, two).error().code, ErrorCode::kRefused);
+  ASSERT_TRUE(flap("watched", camera_, account_)) << "whoever sends it now pays";
+  EXPECT_EQ(two.held(), 1u);
+}
+
+TEST(StreamIdsTest, RefuseToWrap) {
+  StreamIds ids(10, 0xfffffffe);
+  const auto last = ids.of("last").value();
+  EXPECT_EQ(last->id, 0xffffffffu);
+  EXPECT_EQ(ids.of("one more").error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(ids.of("last").value(), last);
 }
 
 }  // namespace

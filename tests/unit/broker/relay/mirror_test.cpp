@@ -13,6 +13,7 @@
 namespace eigencast::broker {
 namespace {
 
+using testing::FakeAccount;
 using testing::FakeReceiver;
 using testing::FakeSender;
 using testing::key_number;
@@ -29,13 +30,7 @@ class Viewer : public FakeReceiver {
     if (!restart) return;
     if (const FramePtr join = watched->join_for(*this)) decode(*join);
   }
-  void on_dismissed(Stream& stream, const Error& why) override {
-    dismissed = why.code;
-    stream.unwatch(*this);
-    watched = nullptr;
-  }
   Stream* watched = nullptr;
-  std::optional<ErrorCode> dismissed;
 };
 
 class MirrorTest : public ::testing::Test {
@@ -48,9 +43,8 @@ class MirrorTest : public ::testing::Test {
     bool settles = false;
   };
 
-  explicit MirrorTest(std::size_t max_streams = 8) {
+  MirrorTest() {
     Hub::Settings settings;
-    settings.max_streams = max_streams;
     settings.ids = std::make_shared<StreamIds>();
     mirrored_ = std::make_unique<MirrorOrigin>(
         2, MirrorOrigin::Environment{
@@ -118,6 +112,7 @@ class MirrorTest : public ::testing::Test {
     stream_ = origin_->open("a").value();
     ASSERT_TRUE(stream_->claim(sender_));
     sender_.begin_anew();
+    ASSERT_TRUE(origin_->admit(*stream_, {"sender"}, account_.charge()));
     ASSERT_TRUE(stream_->announce(small_announce(), ++epoch_));
   }
   void publish() {
@@ -131,6 +126,7 @@ class MirrorTest : public ::testing::Test {
   TimeUs now_ = 1'000'000;
   std::uint32_t epoch_ = 0;
   int keys_ = 0;
+  FakeAccount account_;
   FakeSender sender_;
   std::unique_ptr<MirrorOrigin> mirrored_;
   std::array<Away, 2> away_;
@@ -290,44 +286,24 @@ TEST_F(MirrorTest, SlowLoopResumesFromSnapshot) {
   EXPECT_EQ(viewer.undecodable, 0);
 }
 
-class FullMirrorTest : public MirrorTest {
- protected:
-  FullMirrorTest() : MirrorTest(1) {}
-};
-
-TEST_F(FullMirrorTest, StreamsBeyondOriginLimitAreRefused) {
-  begin();
-  Viewer viewer;
-  watch(viewer, 1, kRaw, "b");
+TEST_F(MirrorTest, NamesAreChargedOnceInAllLoops) {
+  FakeAccount account(1);
+  Viewer here, there;
+  here.watched = hub(0).open("a", account.charge()).value();
+  ASSERT_TRUE(here.watched->watch(here, kRaw));
+  there.watched = hub(1).open("a", account.charge()).value();
+  ASSERT_TRUE(there.watched->watch(there, kRaw));
+  EXPECT_EQ(hub(1).open("b", account.charge()).error().code, ErrorCode::kRefused);
+  EXPECT_EQ(hub(2).size(), 0u);
+  leave(here, 0);
   flush();
-  EXPECT_EQ(viewer.dismissed, ErrorCode::kTooLarge);
-  EXPECT_EQ(hub(1).size(), 0u);
-  Viewer good;
-  watch(good, 1, kRaw, "a");
-  flush();
-  EXPECT_EQ(good.infos.back().state, State::kLive);
-}
-
-TEST_F(FullMirrorTest, WatchersDuringRefusalAreAnswered) {
+  EXPECT_EQ(account.held(), 1u) << "somebody watches it still";
   begin();
-  for (const bool room : {false, true}) {
-    Viewer early, late;
-    watch(early, 1, kRaw, "b");
-    for (const std::size_t on_its_way : {2u, 1u, 0u, 4u}) ASSERT_TRUE(step(on_its_way));
-    ASSERT_EQ(early.dismissed, ErrorCode::kTooLarge);
-    watch(late, 1, kRaw, "b");
-    if (room) stream_->release(sender_);
-    flush();
-    if (room) {
-      ASSERT_EQ(late.infos.size(), 1u);
-      EXPECT_EQ(late.infos[0].state, State::kWaiting);
-      leave(late, 1);
-      flush();
-    } else {
-      EXPECT_EQ(late.dismissed, ErrorCode::kTooLarge);
-    }
-    EXPECT_EQ(hub(1).size(), 0u);
-  }
+  EXPECT_EQ(account.held(), 0u) << "a sender has announced it";
+  flush();
+  EXPECT_EQ(there.infos.back().state, State::kLive);
+  EXPECT_TRUE(hub(2).open("a", account.charge()));
+  EXPECT_EQ(account.held(), 0u);
 }
 
 /// Random orders of events: in the end every viewer has the current pose and could decode every frame.
