@@ -50,7 +50,7 @@ int run(int argc, char** argv) {
   if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
 
   const broker::Config& config = options->loaded.config;
-  const auto sink = broker::make_log_sink(config.log.level, config.log.format);
+  const auto sink = broker::make_log_sink(config);
   std::signal(SIGXFSZ, SIG_IGN);  // A limit on file sizes then acts as a full disk.
   const auto inherited = broker::service_manager::inherited_sockets();
   if (!inherited) return complain(inherited.error(), kUsage);

@@ -78,12 +78,6 @@ std::optional<std::int64_t> time_of(const json& value) {
   return static_cast<std::int64_t>(std::floor(seconds));
 }
 
-std::string printable(std::string_view text) {
-  std::string out;
-  for (const char c : text.substr(0, 64)) out += c >= ' ' && c <= '~' ? c : '?';
-  return out;
-}
-
 Result<const TokenKey*> key_for(const json& header, const std::vector<TokenKey>& keys) {
   const auto id = optional_text(header, "kid");
   if (!id) return refused("is malformed: \"kid\" is not a text");
@@ -91,9 +85,9 @@ Result<const TokenKey*> key_for(const json& header, const std::vector<TokenKey>&
   for (const TokenKey& key : keys) {
     if (key.id() == *id) return &key;
   }
-  return refused(id->empty()
-                     ? "names no key (\"kid\"), and this broker has no unnamed key"
-                     : "is signed with key '" + printable(*id) + "' (\"kid\"), which this broker does not know");
+  return refused(id->empty() ? "names no key (\"kid\"), and this broker has no unnamed key"
+                             : "is signed with key '" + escaped(id->substr(0, 64)) +
+                                   "' (\"kid\"), which this broker does not know");
 }
 
 Result<const TokenKey*> check_signature(const Parts& parts, const json& header, const std::vector<TokenKey>& keys) {
@@ -103,7 +97,7 @@ Result<const TokenKey*> check_signature(const Parts& parts, const json& header, 
   const auto algorithm = optional_text(header, "alg");
   const std::string_view wanted = kAlgorithms[(*key)->algorithm()];
   if (!algorithm || *algorithm != wanted) {
-    return refused("has the algorithm '" + printable(algorithm.value_or("?")) + "' (\"alg\"), but key '" +
+    return refused("has the algorithm '" + escaped(algorithm.value_or("?").substr(0, 64)) + "' (\"alg\"), but key '" +
                    (*key)->id() + "' is for " + std::string(wanted) + " only");
   }
   const auto signature = bytes_from_base64(parts.signature, Base64::kUrl);
@@ -159,7 +153,7 @@ Result<Rights> rights_of(const json& object) {
   }
   for (const auto& [name, value] : found->items()) {
     if (name != "pub" && name != "sub" && name != "admin") {
-      return refused("has an unknown member \"" + printable(name) + "\" in its claim \"eigencast\"");
+      return refused("has an unknown member \"" + escaped(name.substr(0, 64)) + "\" in its claim \"eigencast\"");
     }
   }
   auto publish = patterns_of(*found, "pub");

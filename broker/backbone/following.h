@@ -38,8 +38,11 @@ struct BackboneEnvironment {
   std::function<void()> frames_came;  ///< Called when streams have new frames.
   LogSink log;
 
-  void inform(const std::string& text) const { eigencast::log(log, LogLevel::kInfo, "backbone: " + text); }
-  void warn(const std::string& text) const { eigencast::log(log, LogLevel::kWarning, "backbone: " + text); }
+  void inform(const LogLine& line) const { say(LogLevel::kInfo, line); }
+  void warn(const LogLine& line) const { say(LogLevel::kWarning, line); }
+  void say(LogLevel level, const LogLine& line) const {
+    eigencast::log(log, level, {"backbone: " + std::string(line.text), line.file.data(), line.number});
+  }
 };
 
 /// The streams of other brokers that local viewers watch; a part of Backbone.

@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "broker/operation/logger.h"
 
-#include <algorithm>
+#include <poll.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
-#include <utility>
+#include <thread>
 
 #include "common/command_line/log.h"
 #include "common/core/text.h"
@@ -14,68 +19,105 @@ namespace eigencast::broker {
 namespace {
 
 constexpr EnumNames<LogLevel, 4> kLevels{{"debug", "info", "warning", "error"}};
+constexpr std::size_t kMaxLineBytes = 1024;  ///< So that a pipe that takes anything takes a whole line.
 
-/// Replaces control characters, which peers' input may contain: a line stays one line.
-std::string one_line(std::string text) {
-  for (char& c : text) c = static_cast<unsigned char>(c) < 0x20 || c == 127 ? ' ' : c;
-  return text;
-}
-
-std::string kind_of(std::string_view line) {
-  std::string kind;
-  for (const char c : line.substr(0, 160)) {
-    const bool digit = c >= '0' && c <= '9';
-    if (!digit || kind.empty() || kind.back() != '#') kind += digit ? '#' : c;
+class LogWriter {
+ public:
+  LogWriter(const Config& config, LogLevel min_level)
+      : queue_({config.log.max_lines, config.log.max_queued_bytes}),
+        json_(config.log.format == "json"),
+        logger_(stderr_logger(min_level, json_ ? LogFormat::kJson : LogFormat::kText)),
+        thread_([this] { run(); }) {}
+  ~LogWriter() {
+    ends_ = true;
+    push(LogLevel::kDebug, "");  // Wakes it.
+    thread_.join();
   }
-  return kind;
-}
+  void push(LogLevel level, const LogLine& line) {
+    const std::lock_guard lock(mutex_);
+    if (!ends_) queue_.push(level, line, steady_now_us());
+    changed_.notify_one();
+  }
+
+ private:
+  void run() {
+    constexpr auto kReplace = nlohmann::json::error_handler_t::replace;
+    std::unique_lock lock(mutex_);
+    for (bool last = false; !last;) {
+      changed_.wait_for(lock, std::chrono::seconds(10), [this] { return ends_ || queue_.has_lines(); });
+      last = ends_;
+      const auto lines = queue_.take(steady_now_us(), last);
+      lock.unlock();
+      for (const auto& [level, text, time_us] : lines) {
+        if (!may_write()) return;
+        write_line(*logger_, level, json_ ? nlohmann::json(text).dump(-1, ' ', false, kReplace) : text,
+                   std::chrono::microseconds(steady_now_us() - time_us));
+      }
+      lock.lock();
+    }
+  }
+  /// Waits until standard error takes something; false: not within a second after the end.
+  bool may_write() const {
+    pollfd out{STDERR_FILENO, POLLOUT, 0};
+    for (int waited = 0; waited < 10; waited += ends_ ? 1 : 0) {
+      if (::poll(&out, 1, 100) != 0) return true;
+    }
+    return false;
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  LogQueue queue_;  // GUARDED_BY(mutex_)
+  std::atomic<bool> ends_{false};
+  const bool json_;
+  const std::shared_ptr<spdlog::logger> logger_;
+  std::thread thread_;
+};
 
 }  // namespace
 
-std::optional<std::uint64_t> LogThrottle::admit(std::string_view line, TimeUs now_us) {
-  std::string key = kind_of(line);
-  auto found = kinds_.find(key);
-  if (found == kinds_.end()) {
-    if (kinds_.size() >= settings_.max_kinds) {
-      kinds_.erase(std::min_element(kinds_.begin(), kinds_.end(),
-                                    [](const auto& a, const auto& b) { return a.second.last_us < b.second.last_us; }));
-    }
-    found = kinds_.emplace(std::move(key), Kind{now_us, now_us, 0, 0}).first;
-  }
-  Kind& kind = found->second;
-  kind.last_us = now_us;
-  if (now_us - kind.period_start_us >= settings_.period_us) {
-    kind.period_start_us = now_us;
+void LogQueue::push(LogLevel level, const LogLine& line, TimeUs now_us) {
+  Kind& kind = kinds_[{line.file, line.number}];
+  if (now_us >= kind.end_us && kind.omitted == 0) {
+    kind.end_us = now_us + settings_.period_us;
     kind.passed = 0;
   }
-  if (kind.passed >= settings_.lines) {
+  Line kept{level, std::string(line.text.substr(0, kMaxLineBytes)), now_us};
+  if (kind.passed >= settings_.max_lines) {
+    kind.last = std::move(kept);
     ++kind.omitted;
-    return std::nullopt;
+    return;
   }
   ++kind.passed;
-  return std::exchange(kind.omitted, 0);
+  const auto bytes = static_cast<std::int64_t>(sizeof kept + kept.text.size());
+  if (bytes_ + bytes > settings_.max_bytes) {
+    ++dropped_;
+    return;
+  }
+  bytes_ += bytes;
+  lines_.push_back(std::move(kept));
 }
 
-LogSink make_log_sink(const std::string& level, const std::string& format) {
-  const bool json = format == "json";
-  const LogLevel min_level = kLevels.find(level).value_or(LogLevel::kError);
-  struct Shared {
-    std::mutex mutex;
-    LogThrottle throttle;  // GUARDED_BY(mutex)
-  };
-  return [sink = sink_to(stderr_logger(min_level, json ? LogFormat::kJson : LogFormat::kText)), json, min_level,
-          shared = std::make_shared<Shared>()](LogLevel line_level, std::string_view message) {
-    if (line_level < min_level) return;
-    std::optional<std::uint64_t> omitted;
-    {
-      const std::lock_guard lock(shared->mutex);
-      omitted = shared->throttle.admit(message, steady_now_us());
-    }
-    if (!omitted) return;
-    std::string text(message);
-    if (*omitted > 0) text += " (repeated " + std::to_string(*omitted) + " times meanwhile)";
-    constexpr auto kReplace = nlohmann::json::error_handler_t::replace;
-    sink(line_level, json ? nlohmann::json(text).dump(-1, ' ', false, kReplace) : one_line(text));
+std::vector<LogQueue::Line> LogQueue::take(TimeUs now_us, bool ends) {
+  const auto taken = [](std::uint64_t& count) { return std::to_string(std::exchange(count, 0)); };
+  std::vector<Line> lines = std::exchange(lines_, {});
+  bytes_ = 0;
+  if (dropped_ > 0) {
+    lines.push_back({LogLevel::kWarning,
+                     taken(dropped_) + " lines are missing here: standard error was too slow for log.max_queued_bytes",
+                     now_us});
+  }
+  for (auto& [place, kind] : kinds_) {
+    if (kind.omitted == 0 || (now_us < kind.end_us && !ends)) continue;
+    lines.push_back({kind.last.level, taken(kind.omitted) + " more lines like this: " + kind.last.text, now_us});
+  }
+  return lines;
+}
+
+LogSink make_log_sink(const Config& config) {
+  const LogLevel min_level = kLevels.find(config.log.level).value_or(LogLevel::kError);
+  return [min_level, writer = std::make_shared<LogWriter>(config, min_level)](LogLevel level, const LogLine& line) {
+    if (level >= min_level) writer->push(level, line);
   };
 }
 

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: MIT
 #include "common/command_line/log.h"
 
+#include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <cstdlib>
+#include <string>
 #include <utility>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -16,6 +20,16 @@ spdlog::level::level_enum spdlog_level(LogLevel level) {
   return kLevels[static_cast<int>(level)];
 }
 
+/// %*: the message, fit for a terminal. A message in JSON stays one.
+class EscapedMessage final : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, const std::tm&, spdlog::memory_buf_t& out) override {
+    const std::string text = escaped({message.payload.data(), message.payload.size()});
+    out.append(text.data(), text.data() + text.size());
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override { return std::make_unique<EscapedMessage>(); }
+};
+
 }  // namespace
 
 std::shared_ptr<spdlog::logger> stderr_logger(LogLevel min_level, LogFormat format) {
@@ -24,17 +38,24 @@ std::shared_ptr<spdlog::logger> stderr_logger(LogLevel min_level, LogFormat form
   auto logger =
       std::make_shared<spdlog::logger>("", std::make_shared<spdlog::sinks::stderr_color_sink_mt>(
                                                plain ? spdlog::color_mode::never : spdlog::color_mode::automatic));
-  logger->set_pattern(format == LogFormat::kJson   ? R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","message":%v})"
-                      : format == LogFormat::kText ? "%Y-%m-%d %H:%M:%S.%e %l %v"
-                                                   : "%H:%M:%S.%e %^%l%$ %v");
+  auto formatter = std::make_unique<spdlog::pattern_formatter>();
+  formatter->add_flag<EscapedMessage>('*').set_pattern(
+      format == LogFormat::kJson   ? R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","message":%*})"
+      : format == LogFormat::kText ? "%Y-%m-%d %H:%M:%S.%e %l %*"
+                                   : "%H:%M:%S.%e %^%l%$ %*");
+  logger->set_formatter(std::move(formatter));
   logger->set_level(spdlog_level(min_level));
   return logger;
 }
 
+void write_line(spdlog::logger& logger, LogLevel level, std::string_view message, std::chrono::microseconds ago) {
+  logger.log(spdlog::log_clock::now() - ago, spdlog::source_loc{}, spdlog_level(level),
+             spdlog::string_view_t(message.data(), message.size()));
+}
+
 LogSink sink_to(std::shared_ptr<spdlog::logger> logger) {
-  return [logger = std::move(logger)](LogLevel level, std::string_view message) {
-    logger->log(spdlog_level(level), spdlog::string_view_t(message.data(), message.size()));
-  };
+  return
+      [logger = std::move(logger)](LogLevel level, std::string_view message) { write_line(*logger, level, message); };
 }
 
 }  // namespace eigencast

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <chrono>
 #include <memory>
 
 #include "common/core/log.h"
@@ -17,9 +18,13 @@ enum class LogFormat {
   kJson,      ///< An object a line; messages must be JSON values.
 };
 
-/// The log of a program, on standard error. Thread-safe.
+/// The log of a program, on standard error. Control characters of messages, which peers may have written, are escaped.
+/// Thread-safe.
 ///   min_level  messages below are left out
 std::shared_ptr<spdlog::logger> stderr_logger(LogLevel min_level, LogFormat format = LogFormat::kTerminal);
+
+/// A line of `ago`.
+void write_line(spdlog::logger& logger, LogLevel level, std::string_view message, std::chrono::microseconds ago = {});
 
 LogSink sink_to(std::shared_ptr<spdlog::logger> logger);
 

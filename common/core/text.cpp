@@ -2,6 +2,7 @@
 #include "common/core/text.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstdarg>
 #include <cstdio>
 #include <random>
@@ -38,6 +39,25 @@ std::string_view trimmed(std::string_view text) {
   const std::size_t first = text.find_first_not_of(kBlanks);
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
+}
+
+std::string escaped(std::string_view text) {
+  std::string out;
+  while (!text.empty()) {
+    const auto lead = static_cast<unsigned char>(text.front());
+    const int ones = std::countl_one(lead);
+    const std::size_t wanted = ones >= 2 && ones <= 4 ? static_cast<std::size_t>(ones) : 1;
+    std::size_t length = 1;
+    std::uint32_t code = lead & (wanted == 1 ? 0xFFU : 0x7FU >> wanted);
+    for (; length < std::min(wanted, text.size()) && (text[length] & 0xC0) == 0x80; ++length)
+      code = code << 6 | (static_cast<unsigned char>(text[length]) & 0x3FU);
+    if (length < wanted) length = 1, code = lead;
+    const bool turns = (code >= 0x2028 && code <= 0x202E) || (code >= 0x2066 && code <= 0x2069);
+    const bool plain = (code >= 0x20 && code < 0x7F) || (code >= 0xA0 && length > 1 && !turns);
+    out += plain ? std::string(text.substr(0, length)) : formatted("\\u%04x", code);
+    text.remove_prefix(length);
+  }
+  return out;
 }
 
 std::string random_id(std::size_t digits) {

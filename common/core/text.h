@@ -21,6 +21,10 @@ std::vector<std::string_view> split(std::string_view text, char separator);
 /// Drops the blanks, tabs and line ends around it.
 std::string_view trimmed(std::string_view text);
 
+/// Text of a peer, fit for a terminal: control characters, those that turn the direction of writing, and bytes that are
+/// not UTF-8, as \u001b. A JSON value stays one.
+std::string escaped(std::string_view text);
+
 /// So many hexadecimal digits from the system's source of randomness: a name that nobody else chooses. Thread-safe.
 std::string random_id(std::size_t digits = 16);
 

@@ -6,12 +6,15 @@
 #include <openssl/ssl.h>
 #include <openssl/x509v3.h>
 
+#include <algorithm>
 #include <array>
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <boost/beast/websocket/teardown.hpp>
 #include <string_view>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -43,12 +46,6 @@ Result<void> load_own(ssl::context& context, const Credentials& own) {
   return {};
 }
 
-std::string printable_name(std::string_view text) {
-  std::string out;
-  for (const char c : text.substr(0, 100)) out += c > ' ' && c <= '~' ? c : '?';
-  return out;
-}
-
 std::string text_of(const GENERAL_NAME& name) {
   const ASN1_STRING* value = name.type == GEN_DNS     ? name.d.dNSName
                              : name.type == GEN_IPADD ? name.d.iPAddress
@@ -56,7 +53,7 @@ std::string text_of(const GENERAL_NAME& name) {
   if (value == nullptr) return {};
   const auto length = static_cast<std::size_t>(ASN1_STRING_length(value));
   const void* bytes = ASN1_STRING_get0_data(value);
-  if (name.type == GEN_DNS) return printable_name({static_cast<const char*>(bytes), length});
+  if (name.type == GEN_DNS) return escaped({static_cast<const char*>(bytes), std::min<std::size_t>(length, 100)});
   std::array<char, INET6_ADDRSTRLEN> text{};
   if (length != 4 && length != 16) return {};
   inet_ntop(length == 4 ? AF_INET : AF_INET6, bytes, text.data(), text.size());

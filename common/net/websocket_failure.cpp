@@ -6,6 +6,8 @@
 #include <boost/beast/websocket/error.hpp>
 #include <charconv>
 
+#include "common/core/text.h"
+
 namespace eigencast {
 namespace {
 
@@ -17,23 +19,17 @@ using std::chrono::milliseconds;
 /// Another sender was given the stream (docs/protocol.md, section 10).
 constexpr std::uint16_t kReplaced = 4409;
 
-std::string printable(std::string_view text, std::size_t max) {
-  std::string out;
-  for (const char c : text.substr(0, max)) out += (c < ' ' || c == 127) ? ' ' : c;
-  return out;
-}
-
 /// What a broker's error body says to people; another server's body as it is.
 std::string remark_of(std::string_view body) {
   constexpr std::string_view kMessage = "\"message\":\"";
   const auto at = body.find(kMessage);
-  if (at == std::string_view::npos) return printable(body, 300);
+  if (at == std::string_view::npos) return escaped(body.substr(0, 300));
   std::string out;
   for (std::size_t i = at + kMessage.size(); i < body.size() && body[i] != '"' && out.size() < 600; ++i) {
     if (body[i] == '\\' && i + 1 < body.size()) ++i;
     out += body[i];
   }
-  return printable(out, out.size());
+  return escaped(out);
 }
 
 /// The pause that a Retry-After header asks for, up to ten minutes; 0: none.
@@ -84,7 +80,7 @@ WebSocketFailure failure_of_close(const error_code& ec, const ws::close_reason& 
   if (ec == ws::error::closed) {
     const bool refused = reason.code == ws::close_code::policy_error || reason.code == ws::close_code::protocol_error ||
                          reason.code == ws::close_code::bad_payload || reason.code == ws::close_code::unknown_data;
-    const std::string said = printable({reason.reason.data(), reason.reason.size()}, 123);
+    const std::string said = escaped({reason.reason.data(), reason.reason.size()});
     const std::string text =
         where + " closed the connection (" + std::to_string(reason.code) + (said.empty() ? "" : ", " + said) + ")";
     const bool replaced = reason.code == kReplaced;

@@ -106,12 +106,12 @@ class Peer:
 class Broker:
     """A broker on a free port of loopback, with a folder of its own, in a with statement; must end in good order."""
 
-    def __init__(self, program, *flags, wrap=()):
+    def __init__(self, program, *flags, wrap=(), stderr=None):
         self.folder = tempfile.mkdtemp(prefix="eigencast-peer-")
         port_file = pathlib.Path(self.folder) / "port"
         defaults = ["--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={port_file}", f"--data-dir={self.folder}", "--log-level=error"]
         given = {flag.split("=")[0] for flag in flags}
-        self.process = subprocess.Popen([*wrap, program, *(flag for flag in defaults if flag.split("=")[0] not in given), *flags])
+        self.process = subprocess.Popen([*wrap, program, *(flag for flag in defaults if flag.split("=")[0] not in given), *flags], stderr=stderr)
         self.port = port_of(port_file)
 
     def __enter__(self):

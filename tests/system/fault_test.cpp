@@ -72,7 +72,7 @@ TEST_F(Fault, AFullDiskEndsOnlyTheRecording) {
   EXPECT_THAT(post("/api/recordings/start?stream=live/test"), HasSubstr("200"));
   ASSERT_TRUE(eventually([&] { return metric("eigencast_broker_recordings_failed_total") == 1; }, kPatience))
       << scene_.logs();
-  EXPECT_THAT(broker_->output(), HasSubstr("recordings/")) << "the log names the file";
+  EXPECT_TRUE(broker_->wait_for_output("recordings/", kPatience)) << "the log names the file";
   EXPECT_TRUE(grows("a")) << scene_.logs();
   ASSERT_EQ(recordings().size(), 1u);
   const auto whole = recording::Reader::open(recordings()[0]);
@@ -102,7 +102,7 @@ TEST_F(Fault, GarbageEndsItsConnectionOnly) {
     }
     ::close(fd);
   }
-  EXPECT_THAT(broker_->output(), HasSubstr("sender of 'other'")) << scene_.logs();
+  EXPECT_TRUE(broker_->wait_for_output("sender of 'other'", kPatience)) << scene_.logs();
   EXPECT_TRUE(grows("a")) << scene_.logs();
   EXPECT_EQ(scene_.reconnects("a", *client_), 0u) << scene_.logs();
 }
@@ -161,7 +161,7 @@ TEST_F(Fault, AStoppedSenderIsCutOffAndResumes) {
   start({"--timeouts-idle-ms", "3000"});
   sender_->signal(SIGSTOP);
   EXPECT_TRUE(client_->wait_for_output("stalled", kPatience)) << scene_.logs();
-  EXPECT_THAT(broker_->output(), HasSubstr("timeouts.idle_ms")) << scene_.logs();
+  EXPECT_TRUE(broker_->wait_for_output("timeouts.idle_ms", kPatience)) << scene_.logs();
   EXPECT_EQ(api("streams")["streams"][0]["state"], "stalled");
   EXPECT_TRUE(broker_->running());
   sender_->signal(SIGCONT);

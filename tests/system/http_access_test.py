@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What strangers may take, keep and see, asked from outside by HTTP: assets, who reads the admin port; how it ends.
+"""What strangers may take, keep and see, asked from outside: assets, the admin port, the log, files, TLS; how it ends.
 
     http_access_test.py BROKER [-v]
 """
 import base64
 import contextlib
+import fcntl
 import hashlib
 import hmac
 import http.client
@@ -13,12 +14,15 @@ import itertools
 import json
 import os
 import pathlib
+import random
+import re
 import shutil
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 
@@ -309,6 +313,86 @@ class HttpAccess(unittest.TestCase):
         self.assertEqual(ask(port, "HEAD", asset)[0], 200, "a head has no bytes")
         self.assertEqual(ask(port, "GET", asset, source="127.0.0.2")[0], 200, "another address")
         self.assertIn(f"eigencast_broker_download_bytes_total {4 * len(body)}", ask(admin, "GET", "/metrics")[2])
+
+
+class Logs(unittest.TestCase):
+    """What strangers can do to a log."""
+
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-doors-"))
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def announce(self, port, assets):
+        """One connection announces surfaces that are not here, each of another name. How many were refused before it was."""
+        peer, refused = Peer(port, "/v1/publish/a", "eigencast.v1"), 0
+        try:
+            for asset in assets:
+                peer.send(frame(TEXT, payloads.announce(asset, 3, "float32").encode()))
+                while json.loads(peer.receive()[1])["op"] != "error":
+                    pass
+                refused += 1
+        except (OSError, ValueError, EOFError):
+            pass  # It was closed.
+        return refused
+
+    def test_a_flood_of_one_kind_is_counted_and_does_not_fill_the_log(self):
+        lines = 20
+        names = ["".join(random.choices("abcdef", k=64)) for _ in range(2000)]
+        with open(self.folder / "log", "wb") as log:
+            with Broker(BROKER, "--log-level=info", f"--log-max-lines={lines}", stderr=log) as broker:
+                begun = time.monotonic()
+                refused = self.announce(broker.port, names)
+                periods = 2 + (time.monotonic() - begun) // 10
+        text = (self.folder / "log").read_text().splitlines()
+        counts = [int(found[1]) for line in text if (found := re.search(r" (\d+) more lines like this: .*announcement refused", line))]
+        written = [line for line in text if "announcement refused" in line and " more lines like this: " not in line]
+        self.assertLessEqual(len(written), lines * periods)
+        self.assertGreaterEqual(len(counts), 1)
+        self.assertLessEqual(len(counts), periods)
+        self.assertGreater(refused, lines * periods, "a flood")
+        self.assertEqual(len(written) + sum(counts), refused, "each is written or counted")
+        self.assertTrue(any("listening on port" in line for line in text))
+
+    def test_a_log_that_nobody_takes_stops_no_one(self):
+        for read in (False, True):
+            from_broker, to_log = os.pipe()
+            os.set_blocking(to_log, False)
+            filled = 0
+            try:
+                while True:
+                    filled += os.write(to_log, b"x" * 4096)
+            except BlockingIOError:
+                os.set_blocking(to_log, True)
+            with Broker(BROKER, "--log-level=info", stderr=to_log) as broker:
+                os.close(to_log)
+                self.announce(broker.port, ["0" * 64] * 20)
+                self.assertEqual(ask(broker.port, "GET", "/v1/streams")[0], 200)
+                taken = []
+                if read:
+                    reader = threading.Thread(target=lambda: taken.append(open(from_broker, "rb", closefd=False).read()))
+                    reader.start()
+            if read:
+                reader.join()
+                self.assertIn(b"announcement refused", taken[0][filled:])
+                self.assertIn(b"listening on port", taken[0][filled:])
+            os.close(from_broker)
+
+    def test_control_characters_of_strangers_reach_no_terminal(self):
+        hostile = (b"a\x1b[31m", b"a\x9b31m", "a\u009b31m".encode(), "a\u202e".encode(), b"a\x7f")
+        for style in ("text", "json"):
+            with open(self.folder / style, "wb") as log:
+                with Broker(BROKER, "--log-level=info", f"--log-format={style}", "--access-anonymous=loopback", stderr=log) as broker:
+                    for host in hostile:
+                        with socket.create_connection(("127.0.0.1", broker.port)) as sock:
+                            sock.sendall(b"GET /v1/streams HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+                            sock.recv(65536)
+            log = (self.folder / style).read_bytes()
+            self.assertIn(b"access.hosts", log)
+            self.assertIn(b"\\u009b31m", log)
+            self.assertNotRegex(log, b"[\x00-\x09\x0b-\x1f\x7f\x80-\x9f]", style)
+            self.assertNotIn("\u202e".encode(), log)
+            for line in log.splitlines() if style == "json" else ():
+                json.loads(line)
 
 
 class Monitors(unittest.TestCase):

@@ -34,7 +34,7 @@ namespace eigencast::latency {
 namespace {
 
 int complain(const Error& error) {
-  std::fprintf(stderr, "eigencast-latency: %s\n", error.message.c_str());
+  std::fprintf(stderr, "eigencast-latency: %s\n", escaped(error.message).c_str());
   return error.code == ErrorCode::kInvalidArgument ? kExitUsage : kExitFailed;
 }
 
