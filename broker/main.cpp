@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <sys/stat.h>
+
 #include <csignal>
 #include <cstdio>
 #include <ctime>
@@ -9,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "broker/access/policy.h"
 #include "broker/backbone/member.h"
 #include "broker/broker.h"
 #include "broker/command_line/options.h"
@@ -47,25 +50,38 @@ int run(int argc, char** argv) {
     return complain(security.error(), kUsage);
   }
   if (auto good = broker::Member::check(options->loaded.config); !good) return complain(good.error(), kUsage);
-  if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
-
   const broker::Config& config = options->loaded.config;
   const auto sink = broker::make_log_sink(config);
+  const auto warn = [&](const broker::LoadedConfig& loaded) {
+    for (const std::string& warning : broker::exposed_secrets(loaded, options->sources.file)) {
+      if (!options->check_only) eigencast::log(sink, eigencast::LogLevel::kWarning, warning);
+      if (options->check_only) complain(eigencast::fail(eigencast::ErrorCode::kRefused, warning), 0);
+    }
+  };
+  warn(options->loaded);
+  if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
+
+  // Files are private, unless the mask that was given keeps strangers out already.
+  const mode_t usual = ::umask(077);
+  if ((usual & S_IRWXO) == S_IRWXO) ::umask(usual);
   std::signal(SIGXFSZ, SIG_IGN);  // A limit on file sizes then acts as a full disk.
   const auto inherited = broker::service_manager::inherited_sockets();
   if (!inherited) return complain(inherited.error(), kUsage);
   auto service = broker::Broker::create(config, EIGENCAST_VERSION, sink, *inherited);
   if (!service)
     return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
-  (*service)->handle_signals([&options]() -> eigencast::Result<broker::Config> {
+  (*service)->handle_signals([&options, &warn]() -> eigencast::Result<broker::Config> {
     auto loaded = broker::load_config(options->sources);
     if (!loaded) return loaded.error();
+    warn(*loaded);
     return std::move(loaded->config);
   });
   if (!options->port_file.empty()) {
     std::string ports = std::to_string((*service)->port()) + "\n";
     if ((*service)->admin_port() != 0) ports += std::to_string((*service)->admin_port()) + "\n";
+    const mode_t own = ::umask(usual);  // The port is for others; until run() no other thread makes files.
     const auto written = eigencast::write_file_atomically(options->port_file, ports);
+    ::umask(own);
     if (!written) return complain(written.error(), 1);
   }
   eigencast::log(sink, eigencast::LogLevel::kInfo,

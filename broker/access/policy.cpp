@@ -2,9 +2,12 @@
 #include "broker/access/policy.h"
 
 #include <strings.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <utility>
+
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
@@ -85,10 +88,7 @@ Result<std::vector<IpRange>> ranges_from(const std::vector<std::string>& texts) 
 std::string_view bearer_of(std::string_view header) {
   constexpr std::string_view kScheme = "bearer ";
   if (header.size() < kScheme.size() || ::strncasecmp(header.data(), kScheme.data(), kScheme.size()) != 0) return {};
-  header.remove_prefix(kScheme.size());
-  while (header.starts_with(' ')) header.remove_prefix(1);
-  while (header.ends_with(' ')) header.remove_suffix(1);
-  return header;
+  return trimmed(header.substr(kScheme.size()));
 }
 
 template <typename Limits>
@@ -101,6 +101,38 @@ Quota quota_from(const Limits& limits) {
 }
 
 }  // namespace
+
+std::string exposure_of(const std::string& path) {
+  struct stat status {};
+  constexpr mode_t kTooOpen = S_IWGRP | S_IXGRP | S_IRWXO;
+  if (::stat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode) || (status.st_mode & kTooOpen) == 0) return {};
+  return path + ": holds secrets, and others than its owner and group may get at it: chmod 640 " + path;
+}
+
+std::string key_file_of(const std::string& text) {
+  return resolved_path(text.substr(text.find(' ', text.find(' ') + 1) + 1));
+}
+
+std::vector<std::string> exposed_secrets(const LoadedConfig& loaded, const std::string& config_file) {
+  const Config& config = loaded.config;
+  std::vector<std::string> paths;
+  for (const auto& [setting, origin] : loaded.origins) {
+    const bool here = paths.empty() && origin.starts_with(config_file + ":") && find_setting(setting)->secret;
+    if (here && value_of(config, *find_setting(setting)) != SettingValue(std::string())) paths.push_back(config_file);
+  }
+  for (const std::string& text : config.access.jwt_keys) {
+    const auto key = key_from_setting(text);
+    if (key && key->can_sign()) paths.push_back(key_file_of(text));  // A public key is for everybody.
+  }
+  const auto& backbone = config.backbone;
+  for (const std::string& path : {config.access.tokens_file, config.tls.key, backbone.key, backbone.credentials})
+    paths.push_back(resolved_path(path));
+  std::vector<std::string> warnings;
+  for (const std::string& path : paths) {
+    if (const std::string warning = exposure_of(path); !warning.empty()) warnings.push_back(warning);
+  }
+  return warnings;
+}
 
 Result<TokenKey> key_from_setting(const std::string& text) {
   const auto first = text.find(' ');
@@ -116,7 +148,7 @@ Result<TokenKey> key_from_setting(const std::string& text) {
     return fail(ErrorCode::kInvalidArgument,
                 "'" + name.substr(0, 32) + "' is not an algorithm for tokens: HS256, RS256, ES256 or EdDSA");
   }
-  return TokenKey::from_file(text.substr(0, first), *algorithm, resolved_path(text.substr(second + 1)));
+  return TokenKey::from_file(text.substr(0, first), *algorithm, key_file_of(text));
 }
 
 Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Config& config) {

@@ -13,7 +13,7 @@
 #include "broker/access/address.h"
 #include "broker/access/jwt.h"
 #include "broker/access/token_file.h"
-#include "broker/config/config.h"
+#include "broker/config/sources.h"
 
 /// Access rules. Pure decisions on their arguments, times included; no sockets.
 namespace eigencast::broker {
@@ -48,6 +48,14 @@ struct Identity {
 
 /// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
+
+/// A warning, if others than the owner and group of a file can get at it, or its group can change it; else empty. Only
+/// that: a mounted secret may be so, in a folder that nobody else can enter.
+std::string exposure_of(const std::string& path);
+/// The file of a key's setting. REQUIRES: key_from_setting() takes it.
+std::string key_file_of(const std::string& text);
+/// The warnings for all files with secrets that a configuration names, and `config_file` (empty: none) if it has any.
+std::vector<std::string> exposed_secrets(const LoadedConfig& loaded, const std::string& config_file);
 
 enum class Resource : std::uint8_t { kConnection, kPublisher, kStream, kUpload, kSentStream, kWaitingStream };
 inline constexpr std::size_t kResources = 6;

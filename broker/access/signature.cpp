@@ -10,7 +10,6 @@
 #include <openssl/evp.h>
 #include <openssl/hmac.h>
 #include <openssl/pem.h>
-#include <sys/stat.h>
 
 #include <algorithm>
 #include <array>
@@ -105,15 +104,6 @@ Bytes pair_from_der(const Bytes& der) {
   return pair;
 }
 
-Result<void> check_closed(const std::string& path) {
-  struct stat status {};
-  if (::stat(path.c_str(), &status) != 0) return {};  // Reading it says why.
-  constexpr mode_t kTooOpen = S_IWGRP | S_IXGRP | S_IRWXO;
-  if (!S_ISREG(status.st_mode) || (status.st_mode & kTooOpen) == 0) return {};
-  return fail(ErrorCode::kRefused,
-              path + ": holds secrets, but others than its owner and group can get at it: chmod 640 " + path);
-}
-
 const EVP_MD* digest_of(Algorithm algorithm) {
   return algorithm == Algorithm::kEdDsa ? nullptr : EVP_sha256();
 }
@@ -157,10 +147,7 @@ Result<TokenKey> TokenKey::from_file(std::string id, Algorithm algorithm, const 
   const bool is_secret = algorithm == Algorithm::kHs256;
   while (is_secret && (text->ends_with('\n') || text->ends_with('\r'))) text->pop_back();
   auto key = is_secret ? from_secret(std::move(id), std::move(*text)) : from_pem(std::move(id), algorithm, *text);
-  if (!key) return in_context(path, key.error());
-  if (!key->can_sign()) return key;  // Public keys need no protection.
-  if (auto closed = check_closed(path); !closed) return closed.error();
-  return key;
+  return key ? std::move(key) : in_context(path, key.error());
 }
 
 bool TokenKey::is_same_as(const TokenKey& other) const {
@@ -207,11 +194,6 @@ Result<Bytes> TokenKey::sign(std::string_view message) const {
   if (good && algorithm_ == Algorithm::kEs256) signature = pair_from_der(signature);
   if (signature.empty()) return fail(ErrorCode::kInternal, "signing with key '" + id_ + "' failed");
   return signature;
-}
-
-Result<std::string> read_secret_file(const std::string& path) {
-  if (auto closed = check_closed(path); !closed) return closed.error();
-  return read_file(path, kMaxKeyFileBytes);
 }
 
 }  // namespace eigencast::broker

@@ -29,8 +29,7 @@ class TokenKey {
   /// RS256 (2048 bits or more), ES256, EdDSA, from a public or private key in PEM.
   /// Errors: kInvalidArgument (not a PEM key, or of another kind).
   static Result<TokenKey> from_pem(std::string id, Algorithm algorithm, std::string_view pem);
-  /// Either, from a file. A file that holds a secret or a private key must not be open to others.
-  /// Errors: those above, kNotFound, kRefused (permissions).
+  /// Either, from a file. Errors: those above, kNotFound.
   static Result<TokenKey> from_file(std::string id, Algorithm algorithm, const std::string& path);
 
   const std::string& id() const { return id_; }
@@ -55,8 +54,5 @@ class TokenKey {
 
 /// For OpenSSL: an encrypted PEM file must not make it ask for a passphrase on the terminal.
 int no_passphrase(char* buffer, int size, int writing, void* data);
-
-/// Errors: kNotFound, kTooLarge (over 64 KiB), kRefused (readable by everybody or writable by its group).
-Result<std::string> read_secret_file(const std::string& path);
 
 }  // namespace eigencast::broker

@@ -8,7 +8,7 @@
 #include <optional>
 #include <set>
 
-#include "broker/access/signature.h"
+#include "common/core/files.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
@@ -17,6 +17,7 @@ namespace {
 constexpr std::string_view kHash = "sha256:";
 constexpr std::string_view kMark = "ect_";  ///< Leaked tokens can be found by a search.
 constexpr std::size_t kMaxNameBytes = 64;
+constexpr std::size_t kMaxFileBytes = 16 << 20;
 
 bool is_name(std::string_view name) {
   return !name.empty() && name.size() <= kMaxNameBytes && std::all_of(name.begin(), name.end(), [](char c) {
@@ -27,15 +28,9 @@ bool is_name(std::string_view name) {
 
 std::vector<std::string_view> words_of(std::string_view line) {
   std::vector<std::string_view> words;
-  constexpr std::string_view kBlanks = " \t\r";
-  while (true) {
-    const auto begin = line.find_first_not_of(kBlanks);
-    if (begin == std::string_view::npos) return words;
-    line.remove_prefix(begin);
-    const auto end = std::min(line.find_first_of(kBlanks), line.size());
-    words.push_back(line.substr(0, end));
-    line.remove_prefix(end);
-  }
+  for (line = trimmed(line); !line.empty(); line = trimmed(line.substr(words.back().size())))
+    words.push_back(line.substr(0, line.find_first_of(" \t\r")));
+  return words;
 }
 
 Result<StreamPatterns> patterns_from(std::string_view list) {
@@ -115,7 +110,7 @@ Result<TokenFile> TokenFile::from_text(std::string_view text, const std::string&
 }
 
 Result<TokenFile> TokenFile::from_file(const std::string& path) {
-  const auto text = read_secret_file(path);
+  const auto text = read_file(path, kMaxFileBytes);
   if (!text) return text.error();
   return from_text(*text, path);
 }

@@ -28,7 +28,7 @@ class TokenFile {
   TokenFile() = default;
   /// Errors: kInvalidArgument, with `name` and line: malformed, unknown word, bad pattern, duplicate name or hash.
   static Result<TokenFile> from_text(std::string_view text, const std::string& name);
-  /// Errors: those, kNotFound, kTooLarge, kRefused (others can read it).
+  /// Errors: those, kNotFound, kTooLarge (over 16 MiB).
   static Result<TokenFile> from_file(const std::string& path);
 
   const StaticToken* find(std::string_view token) const;  ///< Null: no such token.

@@ -94,7 +94,8 @@ CommandEnd create(const Arguments& arguments, const AccessPolicy& policy, std::i
                                    arguments.subscribe, arguments.admin, now_s, now_s + *valid_s},
                                   *key);
   if (!token) return failed(token.error());
-  return {0, *token + "\n", {}};
+  const std::string warning = arguments.key.empty() ? std::string() : exposure_of(key_file_of(arguments.key));
+  return {0, *token + "\n", warning.empty() ? warning : "eigencast-broker: " + warning + "\n"};
 }
 
 std::string listed(const StreamPatterns& patterns) {

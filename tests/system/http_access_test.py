@@ -19,6 +19,7 @@ import re
 import shutil
 import signal
 import socket
+import ssl
 import subprocess
 import sys
 import tempfile
@@ -393,6 +394,104 @@ class Logs(unittest.TestCase):
             self.assertNotIn("\u202e".encode(), log)
             for line in log.splitlines() if style == "json" else ():
                 json.loads(line)
+
+
+class Files(unittest.TestCase):
+    """What lies on disk, and the keys of TLS."""
+
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-doors-"))
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def secret(self, name, text, mode):
+        (self.folder / name).write_text(text)
+        (self.folder / name).chmod(mode)
+        return self.folder / name
+
+    def certificate(self, kind):
+        if not shutil.which("openssl"):
+            self.skipTest("no openssl")
+        subprocess.run(["openssl", "req", "-x509", "-newkey", kind, "-nodes", "-days", "30", "-subj", "/CN=localhost",
+                        "-keyout", self.folder / "tls.key", "-out", self.folder / "tls.pem"], check=True, stderr=subprocess.DEVNULL)
+        return self.folder / "tls.pem", self.folder / "tls.key"
+
+    def check(self, *flags):
+        return subprocess.run([BROKER, "--check-config", *flags], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def test_secrets_that_others_can_read_are_warned_about(self):
+        certificate, key = self.certificate("rsa:2048")
+        long_secret = "a secret of the tests, of more than 32 bytes"
+        token = subprocess.run([BROKER, "token", "create", "--static", "--subject=a", "--admin"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.secret("tokens", token.stderr.splitlines()[-1] + "\n", 0o600)
+        self.secret("hs256", long_secret, 0o600)
+        public = subprocess.run(["openssl", "pkey", "-in", key, "-pubout"], check=True, stdout=subprocess.PIPE, text=True).stdout
+        self.secret("public", public, 0o644)
+        self.secret("nats.creds", "creds", 0o600)
+        self.secret("nats.key", key.read_text(), 0o600)
+        key.chmod(0o640)
+        config = self.secret("eigencast.toml", f"""
+            [access]
+            jwt_secret = "{long_secret}"
+            jwt_keys = ["a HS256 {self.folder}/hs256", "b RS256 {self.folder}/public"]
+            tokens_file = "{self.folder}/tokens"
+            [tls]
+            certificate = "{certificate}"
+            key = "{key}"
+            [backbone]
+            servers = ["nats://127.0.0.1:1"]
+            credentials = "{self.folder}/nats.creds"
+            certificate = "{certificate}"
+            key = "{self.folder}/nats.key"
+            """, 0o600)
+        self.assertEqual([self.check(f"--config={config}").returncode, self.check(f"--config={config}").stderr], [0, ""])
+        for name in ("eigencast.toml", "hs256", "tokens", "tls.key", "nats.creds", "nats.key"):
+            usual = (self.folder / name).stat().st_mode
+            (self.folder / name).chmod(0o644)
+            checked = self.check(f"--config={config}")
+            self.assertEqual(checked.returncode, 0, (name, checked.stderr))
+            self.assertIn(f"{self.folder}/{name}: ", checked.stderr)
+            self.assertEqual(len(checked.stderr.splitlines()), 1, checked.stderr)
+            (self.folder / name).chmod(usual)
+        (self.folder / "tokens").chmod(0o644)
+        with open(self.folder / "log", "wb") as log:  # At the start, and by a reload.
+            with Broker(BROKER, f"--access-tokens-file={self.folder}/tokens", "--log-level=warning", stderr=log) as broker:
+                (self.folder / "hs256").chmod(0o644)
+                self.assertEqual(ask(broker.port, "GET", "/v1/streams", headers={"Authorization": "Bearer " + token.stdout.strip()})[0], 200)
+        self.assertIn(f"{self.folder}/tokens: ", (self.folder / "log").read_text())
+        plain = self.secret("plain.toml", "[server]\nthreads = 1\n", 0o644)
+        self.assertEqual(self.check(f"--config={plain}").stderr, "", "no secret")
+
+    def test_files_of_a_broker_started_by_hand_are_private(self):
+        body, name = payloads.asset()
+        usual = os.umask(0o022)
+        self.addCleanup(os.umask, usual)
+        for mask, private in ((0o022, 0o077), (0o027, 0o027)):
+            os.umask(mask)
+            folder = self.folder / f"data{mask}"
+            with Broker(BROKER, f"--data-dir={folder}", "--recording-streams=**") as broker:
+                self.assertIn(ask(broker.port, "PUT", f"/v1/assets/{name}", body)[0], (200, 201))
+                self.assertEqual((pathlib.Path(broker.folder) / "port").stat().st_mode & 0o777, 0o666 & ~mask, "others read the port")
+                found = [folder, *folder.rglob("*")]
+                self.assertTrue(any(path.is_file() for path in found))
+                for path in found:
+                    self.assertEqual(path.stat().st_mode & private, 0, path)
+
+    def test_tls_without_forward_secrecy_is_refused(self):
+        certificate, key = self.certificate("rsa:2048")  # With an elliptic curve nothing else could be.
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
+            def handshake(ciphers):
+                context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+                context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+                context.maximum_version = ssl.TLSVersion.TLSv1_2
+                context.set_ciphers(ciphers)
+                with socket.create_connection(("127.0.0.1", broker.port)) as sock, context.wrap_socket(sock) as tls:
+                    return tls.cipher()[0]
+
+            for weak in ("kRSA:@SECLEVEL=0", "AES128-GCM-SHA256", "kDHE+SHA1:@SECLEVEL=0", "ECDHE+SHA1:@SECLEVEL=0", "aNULL:@SECLEVEL=0"):
+                with self.assertRaises((ssl.SSLError, OSError), msg=weak):
+                    handshake(weak)
+            for good in ("ECDHE+AESGCM", "ECDHE+CHACHA20"):
+                self.assertTrue(handshake(good).startswith("ECDHE-RSA-"), good)
 
 
 class Monitors(unittest.TestCase):

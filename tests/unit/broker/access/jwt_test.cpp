@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <fstream>
 
+#include "broker/access/policy.h"
 #include "common/core/text.h"
 #include "tests/unit/broker/access/golden_tokens.h"
 
@@ -279,18 +280,21 @@ TEST(JwtTest, CreatedTokenGrantsWhatWasRequested) {
             ErrorCode::kUnsupported);
 }
 
-TEST(JwtTest, WorldReadableSecretIsRefused) {
+TEST(JwtTest, KeysThatSignAreSecrets) {
   const std::string path = ::testing::TempDir() + "/eigencast_secret_" + std::to_string(::getpid());
   std::ofstream(path) << kSecret << "\n";
   chmod(path.c_str(), 0644);
-  EXPECT_EQ(TokenKey::from_file("a", Algorithm::kHs256, path).error().code, ErrorCode::kRefused);
-  chmod(path.c_str(), 0640);
+  LoadedConfig loaded;
+  loaded.config.access.jwt_keys = {"main HS256 " + path};
+  EXPECT_THAT(exposed_secrets(loaded, ""), ElementsAre(HasSubstr(path)));
   const auto key = TokenKey::from_file("main", Algorithm::kHs256, path);
   ASSERT_TRUE(key) << key.error().message;
   EXPECT_TRUE(key->verifies("x", secret_key().sign("x").value())) << "the trailing newline is not part of the secret";
   std::ofstream(path) << golden::kGoldenEs256Key;
   chmod(path.c_str(), 0644);
-  EXPECT_TRUE(TokenKey::from_file("a", Algorithm::kEs256, path)) << "a public key is for everybody";
+  EXPECT_TRUE(TokenKey::from_file("a", Algorithm::kEs256, path));
+  loaded.config.access.jwt_keys = {"main ES256 " + path};
+  EXPECT_THAT(exposed_secrets(loaded, ""), ElementsAre()) << "a public key is for everybody";
   EXPECT_THAT(TokenKey::from_file("a", Algorithm::kRs256, path).error().message, HasSubstr(path));
   std::remove(path.c_str());
   EXPECT_EQ(TokenKey::from_file("a", Algorithm::kEs256, path).error().code, ErrorCode::kNotFound);

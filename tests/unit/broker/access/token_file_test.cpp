@@ -9,6 +9,8 @@
 #include <cstdio>
 #include <fstream>
 
+#include "broker/access/policy.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -68,15 +70,21 @@ TEST(TokenFileTest, CreatedTokensAreFoundAndUnique) {
   EXPECT_FALSE(create_static_token("a", {"b pub=**"}, {}, false));
 }
 
-TEST(TokenFileTest, WorldReadableFileIsRefused) {
+TEST(TokenFileTest, FileThatOthersReachIsWarnedAbout) {
   const std::string path = ::testing::TempDir() + "/eigencast_tokens_" + std::to_string(::getpid());
   std::ofstream(path) << "a " << hash_of("one") << "\n";
-  chmod(path.c_str(), 0604);
-  EXPECT_EQ(TokenFile::from_file(path).error().code, ErrorCode::kRefused);
-  chmod(path.c_str(), 0660);
-  EXPECT_EQ(TokenFile::from_file(path).error().code, ErrorCode::kRefused);
-  chmod(path.c_str(), 0600);
-  EXPECT_TRUE(TokenFile::from_file(path));
+  for (const mode_t mode : {0604, 0644, 0660}) {
+    chmod(path.c_str(), mode);
+    EXPECT_TRUE(TokenFile::from_file(path)) << "a mounted secret may be so";
+    EXPECT_EQ(exposure_of(path).find(path), 0u);
+  }
+  for (const mode_t mode : {0600, 0640, 0400}) {
+    chmod(path.c_str(), mode);
+    EXPECT_EQ(exposure_of(path), "");
+  }
+  EXPECT_EQ(exposure_of(""), "");
+  EXPECT_EQ(exposure_of(path + "-missing"), "");
+  EXPECT_EQ(exposure_of("/dev/null"), "");
   std::remove(path.c_str());
 }
 
