@@ -5,6 +5,7 @@
 #include <boost/asio/post.hpp>
 #include <csignal>
 #include <ctime>
+#include <filesystem>
 #include <random>
 #include <utility>
 
@@ -13,6 +14,7 @@
 #include "broker/http/http_session.h"
 #include "broker/operation/admin.h"
 #include "common/core/clock.h"
+#include "common/core/files.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
@@ -30,6 +32,21 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
           .include_asset = config.recording.include_asset,
           .max_queued_bytes = static_cast<std::uint64_t>(config.recording.max_queued_bytes),
           .max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes)};
+}
+
+std::uint64_t unix_now_s() {
+  return static_cast<std::uint64_t>(std::time(nullptr));
+}
+
+/// The end of the epochs that earlier runs may have given. 0: there was none.
+std::uint32_t read_epochs_end(const std::string& path, const LogSink& sink) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) return 0;
+  const auto text = read_file(path, 64);
+  const auto end = text ? epoch_from_text(*text) : std::nullopt;
+  if (!end)
+    log(sink, LogLevel::kWarning, path + " holds no whole number: epochs go on 1,024 above the seconds since 2026");
+  return end ? *end : epochs_end_by_time(unix_now_s());
 }
 
 void send_bye_to_all(Context& loop, std::uint32_t spread_ms) {
@@ -68,8 +85,7 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   if (auto patterns = StreamPatterns::from(config.recording.streams); !patterns) {
     return in_context("recording.streams", patterns.error());
   }
-  auto epochs = EpochSource::open(folder + "/epoch");
-  if (!epochs) return epochs.error();
+  const std::uint32_t epochs_end = read_epochs_end(folder + "/epoch", log);
   const std::string id = random_id();
   std::unique_ptr<Member> member;
   if (!config.backbone.servers.empty()) {
@@ -78,19 +94,20 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
     member = std::move(*created);
   }
   std::unique_ptr<Broker> broker(new Broker(config, std::move(*security), std::move(version), std::move(log),
-                                            std::move(*assets), std::move(*epochs), id, std::move(member)));
+                                            std::move(*assets), epochs_end, id, std::move(member)));
   if (auto listening = broker->listen(inherited); !listening) return listening.error();
   return broker;
 }
 
 Broker::Broker(const Config& config, Security security, std::string version, LogSink log,
-               std::unique_ptr<AssetStore> assets, EpochSource epochs, std::string id, std::unique_ptr<Member> member)
+               std::unique_ptr<AssetStore> assets, std::uint32_t epochs_end, std::string id,
+               std::unique_ptr<Member> member)
     : gate_(std::move(security.policy)),
       tls_(std::move(security.tls)),
       assets_(std::move(assets)),
       recorder_(recorder_settings(config, version), *assets_, log),
-      epochs_(std::move(epochs)),
-      alone_([this] { return epochs_.next(static_cast<std::uint64_t>(std::time(nullptr))); }),
+      epochs_(epochs_end, [this](std::uint32_t end) { reserve_epochs(end); }),
+      alone_([this] { return epochs_.next(unix_now_s()); }),
       member_(std::move(member)),
       disk_(kDiskThreads),
       loops_(config,
@@ -165,8 +182,25 @@ void Broker::run() {
 
 void Broker::tick() {
   run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
+  epochs_.reserve_ahead(unix_now_s());
   loops_.tick();
   if (++ticks_ % 10 == 0) service_manager::notify("STATUS=" + status());
+}
+
+void Broker::reserve_epochs(std::uint32_t end) {
+  const auto write = [path = data_dir_of(config()) + "/epoch", end] {
+    return write_file_atomically(path, std::to_string(end) + "\n", true);
+  };
+  if (ticks_ == 0) return note_disk(write());  // Nobody is served yet.
+  asio::post(disk_, [this, write] { asio::post(loop(), [this, written = write()] { note_disk(written); }); });
+}
+
+void Broker::note_disk(const Result<void>& written) {
+  epochs_.reserved(written.has_value());
+  if (std::exchange(context().disk_fails, !written) == !written) return;
+  log(context().log, written ? LogLevel::kInfo : LogLevel::kError,
+      written ? "the data folder takes files again"
+              : written.error().message + "; senders go on, uploads and recordings fail");
 }
 
 std::string Broker::status() const {

@@ -50,7 +50,7 @@ class Broker {
 
  private:
   Broker(const Config& config, Security security, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
-         EpochSource epochs, std::string id, std::unique_ptr<Member> member);
+         std::uint32_t epochs_end, std::string id, std::unique_ptr<Member> member);
   std::vector<StreamTap*> taps();
   void apply(const Result<Config>& wanted);
   Result<void> listen(const InheritedSockets& inherited);
@@ -63,6 +63,8 @@ class Broker {
   std::string status() const;
   std::uint64_t websockets() const;
   void warn_about_security();
+  void reserve_epochs(std::uint32_t end);
+  void note_disk(const Result<void>& written);
   void drain();
   void wait_for_signal();
   void wait_for_peers(std::chrono::steady_clock::time_point until);

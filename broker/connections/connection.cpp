@@ -6,6 +6,7 @@
 #include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
 #include <ctime>
+#include <limits>
 #include <memory_resource>
 #include <utility>
 
@@ -20,6 +21,12 @@ constexpr int kMaxReads = 4;
 
 // A client whose rights changed may reconnect at once.
 constexpr std::uint32_t kRightsRetryMs = 500;
+
+/// What it makes the loop do, in messages of the cheapest kind.
+int weight_of(const ControlMessage& message) {
+  if (std::holds_alternative<control::Announce>(message)) return 100;  // Every viewer is told, every chain begins anew.
+  return std::holds_alternative<control::Subscribe>(message) ? 20 : 1;
+}
 
 Outbox::Limits outbox_limits(const Config& config) {
   return {.max_control_messages = static_cast<std::size_t>(config.limits.max_queued_control_messages),
@@ -95,7 +102,7 @@ void Connection::on_readable() {
     last_input_us_ = context_.turn.now_us();
     pinged_ = false;
     if (!take_input(buffer.first(outcome.bytes))) return;
-    if (is_backlogged()) {
+    if (is_backlogged() || is_paced()) {
       paused_ = true;
       return;
     }
@@ -127,8 +134,9 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
     log(context_.log, LogLevel::kWarning, name() + ": closed, " + taken.error().message);
     return refuse(taken.error(), {}, CloseCode::kPolicy);
   }
-  if (event.kind == Kind::kText) return on_text(text());
   if (event.kind == Kind::kBinary) return on_binary(event.payload);
+  charge(1);
+  if (event.kind == Kind::kText) return on_text(text());
   if (event.kind == Kind::kPing) return on_ping(text());
   if (event.kind == Kind::kPong && watch_.note_pong(text())) {
     outbox_.hold_from(watch_.hold_from_us());
@@ -149,8 +157,28 @@ bool Connection::is_backlogged() {
   return blocked_ && outbox_.control_messages() >= many;
 }
 
+void Connection::charge(int control_messages) {
+  const auto per_s = static_cast<double>(context_.config.limits.control_messages_per_s);
+  (void)control_.take(control_messages, per_s, std::numeric_limits<double>::infinity(), context_.turn.now_us());
+}
+
+bool Connection::is_paced() {
+  if (closing_ || deadline_) return !closing_;
+  const auto per_s = static_cast<double>(context_.config.limits.control_messages_per_s);
+  const TimeUs wait_us = control_.wait_us(0, per_s, per_s, context_.turn.now_us());
+  if (wait_us == 0) return false;
+  log(context_.log, LogLevel::kWarning, name() + ": read later, it is over limits.control_messages_per_s");
+  last_input_us_ = context_.turn.now_us() + wait_us;  // Its silence is not its own.
+  deadline_ = std::make_unique<Timer>(context_.loop.get_executor());
+  run_after(*deadline_, std::chrono::microseconds(wait_us), [self = shared_from_this()] {
+    self->deadline_.reset();
+    self->guarded([&] { self->resume_reading(); });
+  });
+  return true;
+}
+
 void Connection::resume_reading() {
-  if (paused_ && !ended_ && !is_backlogged()) {
+  if (paused_ && !ended_ && !is_backlogged() && !is_paced()) {
     paused_ = false;
     wait_to_read(Transport::Wait::kReadable);
   }
@@ -292,6 +320,7 @@ void Connection::on_text(std::string_view text) {
   ++context_.counters.control_received;
   const auto message = control_from_text(text);
   if (!message) return refuse_text(message.error());
+  charge(weight_of(*message) - 1);
   const auto* ping = std::get_if<control::Ping>(&*message);
   if (ping != nullptr) return send(control::Pong{ping->id, ping->time_us, steady_now_us()});
   if (!std::holds_alternative<control::Pong>(*message)) on_message(*message);

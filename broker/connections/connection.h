@@ -91,6 +91,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void on_ping(std::string_view payload);
   void refuse_text(const Error& error);
   bool is_backlogged();
+  void charge(int control_messages);
+  /// Asks too fast: reading goes on by itself in time.
+  bool is_paced();
   void resume_reading();
   void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
@@ -123,7 +126,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::size_t queued_bytes_ = 0;           ///< Size of write_queue_, the written part of its first item included.
   std::size_t partial_bytes_ = 0;          ///< Written bytes of the first item.
   std::string close_reason_;
-  std::unique_ptr<Timer> deadline_;  ///< For closing.
+  RateLimiter control_;
+  std::unique_ptr<Timer> deadline_;  ///< For closing; before that, while is_paced().
   ConnectionCount counted_;
   TimeUs last_input_us_ = 0;
   TimeUs opened_us_ = 0;

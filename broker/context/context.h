@@ -57,6 +57,7 @@ struct Context : SharedContext {
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;
+  bool disk_fails = false;  ///< The data folder takes no files. Of the first loop.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< For the connection being read.
 };
 

@@ -101,15 +101,23 @@ std::string recordings_report(const Context& context) {
   return json_text({{"recordings", list}});
 }
 
+/// What does not work although streams do. Empty: everything works.
+std::string trouble_of(const Context& context) {
+  std::string trouble =
+      context.disk_fails ? "the data folder takes no files (see the log): uploads and recordings fail" : "";
+  if (context.backbone != nullptr && !context.backbone->totals().connected)
+    trouble += (trouble.empty() ? "" : "; ") + context.backbone->status();
+  return trouble;
+}
+
 std::string broker_report(const Context& context, const Statistics& statistics) {
   const Counters& counters = statistics.counters;
-  const bool degraded = context.backbone != nullptr && !context.backbone->totals().connected;
   return json_text({{"version", context.version},
                     {"session_id", context.session_id},
                     {"uptime_s", seconds(steady_now_us() - context.started_us)},
-                    {"state", context.draining ? "draining"
-                              : degraded       ? "degraded"
-                                               : "ok"},
+                    {"state", context.draining              ? "draining"
+                              : trouble_of(context).empty() ? "ok"
+                                                            : "degraded"},
                     {"backbone", context.backbone == nullptr ? json() : json(context.backbone->status())},
                     {"draining", context.draining},
                     {"threads", statistics.connections.size()},
@@ -202,9 +210,9 @@ class AdminSession final : public HttpConnection {
     }
     if (path_ == "/readyz") {
       if (context().draining) return answer_text(HttpStatus::kServiceUnavailable, "stopping");
-      // Ready without a backbone too: the broker still serves its own streams.
-      const bool alone = context().backbone != nullptr && !context().backbone->totals().connected;
-      return answer_text(HttpStatus::kOk, alone ? "ready, degraded: " + context().backbone->status() : "ready");
+      // Ready without a backbone or a disk too: the broker still serves its own streams.
+      const std::string trouble = trouble_of(context());
+      return answer_text(HttpStatus::kOk, trouble.empty() ? "ready" : "ready, degraded: " + trouble);
     }
     if (path_ == "/version") return answer_text(HttpStatus::kOk, "eigencast-broker " + context().version);
     if (path_ == "/metrics") {

@@ -152,6 +152,7 @@ class BrokerMetrics {
 
   void storage() {
     const Counters& counters = statistics_.counters;
+    gauge("disk_failing", "1 while the data folder takes no files.", context_.disk_fails);
     gauge("asset_bytes", "What the asset store takes of its quota, uploads under way included.",
           context_.assets.total_bytes());
     gauge("asset_quota_bytes", "assets.max_total_bytes.", context_.assets.settings().max_total_bytes);

@@ -2,31 +2,58 @@
 #include "broker/relay/ownership.h"
 
 #include <algorithm>
-#include <fstream>
-
-#include "common/core/files.h"
+#include <charconv>
 
 namespace eigencast::broker {
 namespace {
+
 constexpr std::uint64_t kStartOf2026 = 1'767'225'600;
+constexpr std::uint64_t kMaxEpoch = UINT32_MAX;
+constexpr std::uint64_t kBlock = 1024;
+constexpr std::uint64_t kRenewAfter = 64;  ///< Epochs or seconds: the block then lasts for many tries.
+
+/// A wrong clock leaves half of all epochs.
+std::uint64_t epoch_by_time(std::uint64_t unix_seconds) {
+  return unix_seconds > kStartOf2026 ? std::min(unix_seconds - kStartOf2026, kMaxEpoch / 2) : 0;
 }
 
-Result<EpochSource> EpochSource::open(std::string path) {
-  std::uint32_t last = 0;
-  if (std::ifstream file(path); file && !(file >> last)) {
-    return fail(ErrorCode::kCorrupt,
-                path + " holds no number: remove it if no viewer is connected, epochs start anew then");
-  }
-  return EpochSource(std::move(path), last);
-}
+}  // namespace
 
 Result<std::uint32_t> EpochSource::next(std::uint64_t unix_seconds, std::uint32_t above) {
-  const std::uint64_t by_time = unix_seconds > kStartOf2026 ? unix_seconds - kStartOf2026 : 0;
-  const auto epoch =
-      static_cast<std::uint32_t>(std::max<std::uint64_t>(std::uint64_t{std::max(last_, above)} + 1, by_time));
-  if (auto kept = write_file_atomically(path_, std::to_string(epoch) + "\n"); !kept) return kept.error();
-  last_ = epoch;
-  return epoch;
+  const std::uint64_t epoch = std::max(std::uint64_t{std::max(last_, above)} + 1, epoch_by_time(unix_seconds));
+  if (epoch > kMaxEpoch) {
+    return fail(ErrorCode::kTooLarge, "this broker has no epoch above " + std::to_string(kMaxEpoch) +
+                                          ": ask its operator to start it with a new data folder");
+  }
+  last_ = static_cast<std::uint32_t>(epoch);
+  if (!failed_) reserve_ahead(unix_seconds);
+  return last_;
+}
+
+void EpochSource::reserve_ahead(std::uint64_t unix_seconds) {
+  const std::uint64_t used = std::max<std::uint64_t>(last_, epoch_by_time(unix_seconds));
+  const std::uint64_t end = std::min(used + kBlock, kMaxEpoch);
+  if (wanted_ || end < std::min(end_ + kRenewAfter, kMaxEpoch)) return;
+  wanted_ = static_cast<std::uint32_t>(end);
+  reserve_(*wanted_);
+}
+
+void EpochSource::reserved(bool stored) {
+  failed_ = !stored;
+  if (stored) end_ = *wanted_;
+  wanted_.reset();
+}
+
+std::uint32_t epochs_end_by_time(std::uint64_t unix_seconds) {
+  return static_cast<std::uint32_t>(epoch_by_time(unix_seconds) + kBlock);
+}
+
+std::optional<std::uint32_t> epoch_from_text(std::string_view text) {
+  std::uint32_t epoch = 0;
+  const char* const end = text.data() + text.size();
+  const auto read = std::from_chars(text.data(), end, epoch);
+  // The end of line is the last byte written: without it the number may lack digits.
+  return read.ec == std::errc() && end - read.ptr == 1 && *read.ptr == '\n' ? std::optional(epoch) : std::nullopt;
 }
 
 }  // namespace eigencast::broker

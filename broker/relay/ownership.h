@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "common/core/result.h"
@@ -11,20 +13,36 @@
 
 namespace eigencast::broker {
 
-/// Generates growing epochs, across restarts as well: a file keeps the highest one. An epoch is at least the number of
-/// seconds since 2026-01-01, so epochs also grow across brokers whose wall clocks agree. Not thread-safe.
+/// Generates growing epochs, across restarts as well: blocks are reserved ahead. An epoch is at least the number
+/// of seconds since 2026-01-01, so epochs also grow across brokers whose wall clocks agree, and where the disk is full:
+/// what could not be reserved is given all the same. Not thread-safe.
 class EpochSource {
  public:
-  static Result<EpochSource> open(std::string path);
+  /// Stores the end of a block for the next run, then calls reserved(); now or later.
+  using Reserve = std::function<void(std::uint32_t end)>;
 
-  /// The next epoch, also greater than `above`. Errors: kIo (it could not be stored).
+  /// `end`: of the blocks of earlier runs.
+  EpochSource(std::uint32_t end, Reserve reserve) : last_(end), end_(end), reserve_(std::move(reserve)) {}
+
+  /// The next epoch, also greater than `above`. Errors: kTooLarge (none is left).
   Result<std::uint32_t> next(std::uint64_t unix_seconds, std::uint32_t above = 0);
+  /// Call once a second: reserves ahead of the clock too, and tries again what failed.
+  void reserve_ahead(std::uint64_t unix_seconds);
+  void reserved(bool stored);
 
  private:
-  EpochSource(std::string path, std::uint32_t last) : path_(std::move(path)), last_(last) {}
-  std::string path_;
   std::uint32_t last_;
+  std::uint32_t end_;
+  std::optional<std::uint32_t> wanted_;  ///< The end of the block that is being reserved.
+  bool failed_ = false;                  ///< The last try: the next one waits for reserve_ahead().
+  Reserve reserve_;
 };
+
+/// Where to go on if what earlier runs reserved is lost: a block above the clock.
+std::uint32_t epochs_end_by_time(std::uint64_t unix_seconds);
+
+/// The number that a file of EpochSource's holds. Nothing: it is empty, torn or foreign.
+std::optional<std::uint32_t> epoch_from_text(std::string_view text);
 
 /// Decides which sender owns a stream and assigns epochs to its announcements, for one broker or several together.
 class Ownership {

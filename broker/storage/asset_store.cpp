@@ -49,8 +49,9 @@ Result<std::unique_ptr<AssetStore>> AssetStore::open(const std::string& data_dir
   fs::create_directories(data_dir, error);
   if (error) return fail(ErrorCode::kIo, data_dir + ": " + error.message() + ": choose another --data-dir");
   const std::string lock_path = data_dir + "/broker.lock";
-  FileHandle lock(::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+  FileHandle lock(::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
   if (lock.get() < 0) return io_error(lock_path, errno);
+  (void)::fchmod(lock.get(), 0600);  // Who can open a file can lock it, and earlier versions made it 0644.
   if (::flock(lock.get(), LOCK_EX | LOCK_NB) != 0) {
     return fail(ErrorCode::kRefused, data_dir + " is in use by another broker: stop it, or choose another --data-dir");
   }
@@ -64,8 +65,11 @@ AssetStore::AssetStore(std::string root, const Settings& settings, FileHandle lo
 
 Result<void> AssetStore::prepare() {
   std::error_code error;
-  fs::remove_all(root_ + "/uploading", error);
-  fs::create_directories(root_ + "/uploading", error);
+  fs::create_directories(root_ + "/uploading", error);  // A full disk makes no new one.
+  for (fs::directory_iterator it(root_ + "/uploading", error), end; !error && it != end; it.increment(error)) {
+    std::error_code ignored;
+    fs::remove_all(it->path(), ignored);
+  }
   if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
   const TimeUs now_us = steady_now_us();
   const auto wall =

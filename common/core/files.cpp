@@ -47,6 +47,11 @@ bool write(const std::string& path, std::string_view content) {
   return !file.fail();
 }
 
+bool sync(const std::string& path) {
+  const FileHandle file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  return file.get() >= 0 && ::fsync(file.get()) == 0;
+}
+
 /// A device, a pipe or a link, which must not be replaced.
 bool is_special(const std::string& path) {
   using Type = std::filesystem::file_type;
@@ -78,10 +83,10 @@ Result<Bytes> read_bytes(const std::string& path, std::uint64_t max_bytes) {
   return read_all<Bytes>(path, max_bytes);
 }
 
-Result<void> write_file_atomically(const std::string& path, std::string_view content) {
+Result<void> write_file_atomically(const std::string& path, std::string_view content, bool synced) {
   const bool in_place = is_special(path);
   const std::string temporary = in_place ? path : path + ".new";
-  if (!write(temporary, content)) {
+  if (!write(temporary, content) || (synced && !in_place && !sync(temporary))) {
     if (!in_place) std::remove(temporary.c_str());
     return fail(ErrorCode::kIo, path + ": cannot be written: check the folder, its permissions and the free space");
   }

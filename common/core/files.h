@@ -31,8 +31,8 @@ Result<Bytes> read_bytes(const std::string& path, std::uint64_t max_bytes);
 
 /// Writes a file so that a reader sees the old or the new content, never a part: under a temporary name in the same
 /// folder, then renamed. A device, a pipe or a link (/dev/stdout is one) is written to as it is. One writer per path at
-/// a time. Errors: kIo; nothing is left behind then.
-Result<void> write_file_atomically(const std::string& path, std::string_view content);
+/// a time. `synced`: also after a loss of power. Errors: kIo; nothing is left behind then.
+Result<void> write_file_atomically(const std::string& path, std::string_view content, bool synced = false);
 
 /// Whether a file could be written there, as far as can be found without doing it. Empty: none is wanted. Errors: kIo.
 Result<void> check_output_file(const std::string& path);

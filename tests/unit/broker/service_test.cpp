@@ -3,10 +3,17 @@
 // What a whole broker sends to senders and viewers.
 #include "tests/unit/broker/service.h"
 
+#include <sys/inotify.h>
+#include <unistd.h>
+
 #include <atomic>
 #include <filesystem>
+#include <fstream>
+#include <mutex>
 #include <stdexcept>
 #include <thread>
+
+#include "common/core/files.h"
 
 namespace eigencast::broker {
 namespace {
@@ -143,6 +150,150 @@ TEST_F(ServiceTest, AnnouncementsAreChecked) {
   client.send(announce);
   EXPECT_EQ(client.wait_for<control::Announced>().stream, "a")
       << "after the asset was put, the same connection goes on";
+}
+
+/// How often a file of the folder was put in place.
+class Watch {
+ public:
+  explicit Watch(const std::string& folder) : fd_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
+    EXPECT_GE(::inotify_add_watch(fd_.get(), folder.c_str(), IN_MOVED_TO), 0);
+  }
+  int moves() {
+    alignas(inotify_event) char buffer[4096];
+    for (ssize_t size = 0; (size = ::read(fd_.get(), buffer, sizeof buffer)) > 0;) {
+      for (const char* at = buffer; at < buffer + size; ++moves_) {
+        at += sizeof(inotify_event) + reinterpret_cast<const inotify_event*>(at)->len;
+      }
+    }
+    return moves_;
+  }
+
+ private:
+  FileHandle fd_;
+  int moves_ = 0;
+};
+
+TEST_F(ServiceTest, AFloodOfAnnouncementsIsNotWritten) {
+  config_.limits.control_messages_per_s = 10'000'000;
+  stop();
+  start();
+  auto flood = sender("flood");
+  Watch watch(folder_);
+  control::Announce announce = small_announce();
+  announce.asset = asset_;
+  std::uint32_t last = announced_.epoch;
+  for (int batch = 0; batch < 10; ++batch) {
+    for (int i = 0; i < 100; ++i) flood->send(announce);
+    for (int i = 0; i < 100; ++i) {
+      const std::uint32_t epoch = flood->wait_for<control::Announced>().epoch;
+      EXPECT_GT(epoch, last);
+      last = epoch;
+    }
+  }
+  EXPECT_LE(watch.moves(), 100) << "of 1000 epochs";
+  std::uint32_t kept = 0;
+  std::ifstream(folder_ + "/epoch") >> kept;
+  EXPECT_GT(kept, last) << "a broker that crashes now goes on above";
+}
+
+TEST_F(ServiceTest, WhoAsksTooFastIsReadLater) {
+  std::atomic<int> told = 0;
+  log_ = [&](LogLevel, std::string_view line) {
+    if (line.find("limits.control_messages_per_s") != std::string_view::npos) ++told;
+  };
+  config_.limits.control_messages_per_s = 100;
+  config_.timeouts.idle_ms = 1000;
+  stop();
+  start();
+  auto flood = sender("flood");
+  control::Announce announce = small_announce();
+  announce.asset = asset_;
+  for (int i = 0; i < 4; ++i) flood->send(announce);
+  for (int i = 0; i < 4; ++i) flood->wait_for<control::Announced>();
+  EXPECT_GT(told, 0) << "each counts as 100";
+  const int before = told;
+  Client viewer(port_, "/v1/subscribe");
+  for (int i = 0; i < 20; ++i) viewer.send(control::Subscribe{"s" + std::to_string(i), Profile{}});
+  viewer.send(control::Ping{7, 9});
+  EXPECT_EQ(viewer.wait_for<control::Pong>().id, 7u)
+      << "none is lost, and nobody is closed for silence that is not his";
+  EXPECT_GT(told, before);
+  stop();
+}
+
+TEST_F(ServiceTest, WhatOneConnectionMayWatchIsSubscribedAtOnce) {
+  std::atomic<bool> told = false;
+  log_ = [&](LogLevel, std::string_view line) {
+    if (line.find("limits.control_messages_per_s") != std::string_view::npos) told = true;
+  };
+  stop();
+  start();
+  Client viewer(port_, "/v1/subscribe");
+  for (int i = 0; i < 64; ++i) viewer.send(control::Subscribe{"s" + std::to_string(i), Profile{}});
+  for (int i = 0; i < 64; ++i) viewer.wait_for<control::StreamInfo>();
+  EXPECT_FALSE(told);
+  stop();
+}
+
+TEST_F(ServiceTest, WithAFullDiskStreamsGoOn) {
+  std::mutex mutex;
+  std::string lines;
+  log_ = [&](LogLevel, std::string_view line) {
+    const std::lock_guard lock(mutex);
+    lines.append(line).append("\n");
+  };
+  asset_ = put_asset("manifest");
+  stop();
+  const auto kept = [&] {
+    std::uint32_t end = 0;
+    std::ifstream(folder_ + "/epoch") >> end;
+    return end;
+  };
+  const std::uint32_t before = kept();
+  fs::create_directory(folder_ + "/epoch.new");  // So that no file is written there.
+  start();
+  const auto ready = [&] { return http_request(admin_port_, "GET", "/readyz").body; };
+  const std::string degraded = ready();
+  EXPECT_TRUE(degraded.starts_with("ready, degraded: ")) << degraded;
+  EXPECT_EQ(degraded.find(folder_), std::string::npos) << degraded;
+  EXPECT_NE(http_request(admin_port_, "GET", "/api/broker").body.find("\"state\":\"degraded\""), std::string::npos);
+  EXPECT_NE(http_request(admin_port_, "GET", "/metrics").body.find("\neigencast_broker_disk_failing 1\n"),
+            std::string::npos);
+  std::uint32_t last = 0;
+  for (int i = 0; i < 100; ++i) {
+    auto publisher = sender("a");  // The first one, and ones that return.
+    ASSERT_GT(announced_.epoch, last);
+    last = announced_.epoch;
+  }
+  EXPECT_EQ(kept(), before) << "nothing was written";
+  fs::remove(folder_ + "/epoch.new");
+  while (ready() != "ready\n") std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  EXPECT_GT(kept(), last);
+  stop();
+  EXPECT_NE(lines.find(folder_ + "/epoch"), std::string::npos) << "the log names the file";
+}
+
+TEST_F(ServiceTest, ATornEpochFileDoesNotStopTheStart) {
+  std::atomic<int> told = 0;
+  log_ = [&](LogLevel, std::string_view line) {
+    if (line.find(folder_ + "/epoch holds no whole number") != std::string_view::npos) ++told;
+  };
+  int torn_files = 0;
+  for (const char* torn : {"", "2", "nonsense"}) {
+    sender("a");
+    const std::uint32_t epoch = announced_.epoch;
+    stop();
+    std::ofstream(folder_ + "/epoch") << torn;
+    start();
+    EXPECT_EQ(told, ++torn_files) << torn;
+    sender("a");
+    EXPECT_GT(announced_.epoch, epoch) << torn;
+    stop();
+    fs::remove(folder_ + "/epoch");
+    start();
+  }
+  EXPECT_EQ(told, torn_files) << "no file is no torn file";
+  stop();
 }
 
 TEST_F(ServiceTest, ConnectionWatchesStreamsAndChangesProfile) {

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <cstdio>
 #include <fstream>
+#include <limits>
 #include <thread>
 #include <vector>
 
@@ -505,6 +506,18 @@ TEST(RateLimiterTest, NeverExceedsRateTimesTimePlusBurst) {
   const TimeUs wait = pace.wait_us(20, 100, 20, 10 * kSecond);
   EXPECT_FALSE(pace.take(20, 100, 20, 10 * kSecond + wait - 10));
   EXPECT_TRUE(pace.take(20, 100, 20, 10 * kSecond + wait));
+}
+
+TEST(RateLimiterTest, WithAnEndlessBurstWhatIsTakenIsPaidLater) {
+  RateLimiter pace;
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(pace.wait_us(0, 100, 100, kSecond), 0);
+  EXPECT_TRUE(pace.take(100, 100, kEndless, kSecond));
+  EXPECT_EQ(pace.wait_us(0, 100, 100, kSecond), 0) << "the burst";
+  EXPECT_TRUE(pace.take(250, 100, kEndless, kSecond));
+  EXPECT_EQ(pace.wait_us(0, 100, 100, kSecond), 2'500'000) << "over the burst, and all the same charged";
+  EXPECT_EQ(pace.wait_us(0, 100, 100, 2 * kSecond), 1'500'000);
+  EXPECT_EQ(pace.wait_us(0, 100, 100, 4 * kSecond), 0);
 }
 
 TEST(PolicyTest, ConfigurationErrorsNameTheSetting) {

@@ -12,8 +12,6 @@
 #include <fstream>
 #include <thread>
 
-#include "broker/relay/ownership.h"
-
 namespace eigencast::broker {
 namespace {
 
@@ -309,20 +307,12 @@ TEST_F(AssetStoreTest, OneBrokerPerFolder) {
   EXPECT_EQ(second.error().code, ErrorCode::kRefused);
 }
 
-TEST_F(AssetStoreTest, EpochsGrowAcrossRestartsAndClockSteps) {
-  const std::string path = folder_ + "/epoch";
-  constexpr std::uint64_t kNow = 1'800'000'000;
-  std::uint32_t last = 0;
-  for (const std::uint64_t now : {kNow, kNow, kNow - 1'000'000, kNow + 5}) {
-    auto source = EpochSource::open(path).value();
-    for (int i = 0; i < 3; ++i) {
-      const std::uint32_t epoch = source.next(now).value();
-      EXPECT_GT(epoch, last);
-      last = epoch;
-    }
-  }
-  std::ofstream(path) << "nonsense";
-  EXPECT_FALSE(EpochSource::open(path));
+TEST_F(AssetStoreTest, OthersCannotLockTheFolder) {
+  fs::create_directories(folder_);
+  std::ofstream(folder_ + "/broker.lock").close();  // As an earlier version made it.
+  fs::permissions(folder_ + "/broker.lock", fs::perms(0644));
+  open();
+  EXPECT_EQ(fs::status(folder_ + "/broker.lock").permissions(), fs::perms(0600)) << "who can open it can lock it";
 }
 
 }  // namespace
