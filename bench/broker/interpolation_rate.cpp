@@ -23,7 +23,6 @@ constexpr TimeUs kPumpGapUs = 1000;  // As broker/broker.cpp.
 
 class Counter final : public Watcher {
  public:
-  void on_dismissed(Stream&, const Error&) override {}
   void on_stream_changed(const Stream&, bool) override {}
   void on_frames(const Stream&, std::span<const FramePtr> received) override {
     for (const FramePtr& frame : received) ++frames, bytes += frame->wire.size();

@@ -29,8 +29,8 @@ std::string bucket_of(std::string prefix) {
   return prefix + "_streams";
 }
 
-/// The closure of libnats' callbacks on a link's connections. They come on its threads, possibly after the link's end, and
-/// a connection that could not be made may report its end or not: so it is kept, once for each link.
+/// The closure of libnats' callbacks on a link's connections. They come on its threads, possibly after the link's end,
+/// and a connection that could not be made may report its end or not: so it is kept, once for each link.
 void* closure_of(std::weak_ptr<NatsLink> link) {
   static std::mutex mutex;
   static auto& kept = *new std::deque<std::weak_ptr<NatsLink>>;

@@ -182,7 +182,6 @@ class Decoded : public broker::Watcher {
     }
   }
   void on_trace(const std::shared_ptr<const std::string>&) override {}
-  void on_dismissed(broker::Stream&, const Error&) override {}
 
   std::vector<RecordedPose> poses;
 

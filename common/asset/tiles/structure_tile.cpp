@@ -168,8 +168,8 @@ class Decoder {
 
 }  // namespace
 
-// A varint has 1 to 5 bytes. By row: map (not in the base), source, mass, number of predictors, these; by new face: death
-// and corners.
+// A varint has 1 to 5 bytes. By row: map (not in the base), source, mass, number of predictors, these; by new face:
+// death and corners.
 std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t new_faces) {
   return rows * (1 + 4 + 1) + new_faces * (1 + 3);
 }
