@@ -41,8 +41,9 @@ class Parser {
   Result<Manifest> parse() {
     for (auto part : {&Parser::header, &Parser::counts, &Parser::bands, &Parser::facts, &Parser::texts,
                       &Parser::numbers, &Parser::chunks, &Parser::sections}) {
-      if (auto result = (this->*part)(); !result) return result.error();
+      const auto result = (this->*part)();
       if (in_.failed()) return corrupt_manifest("ends too early");
+      if (!result) return result.error();
     }
     if (in_.remaining() != 0) return corrupt_manifest(std::to_string(in_.remaining()) + " bytes too many at its end");
     return std::move(manifest_);
@@ -54,7 +55,6 @@ class Parser {
     if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end()))
       return corrupt_manifest("not one: its magic bytes are missing");
     const std::uint32_t version = in_.u32();
-    if (in_.failed()) return {};
     if (version == 0) return corrupt_manifest("version 0 does not exist");
     if (version != kVersion) {
       return fail(ErrorCode::kIncompatibleVersion, "asset manifest: format version " + std::to_string(version) +
@@ -70,7 +70,6 @@ class Parser {
     a.base_count = in_.u32();
     a.face_total = in_.u32();
     manifest_.exact_columns = in_.u32();
-    if (in_.failed()) return {};
     if (auto counts = check_counts(a); !counts) return in_context("asset manifest", counts.error());
     if (manifest_.exact_columns > a.rank) return corrupt_manifest("more exact columns than columns");
     return {};
@@ -128,7 +127,6 @@ class Parser {
   Result<void> chunks() {
     const AssetFacts& a = manifest_.facts;
     const std::size_t count = in_.u32();
-    if (in_.failed()) return {};
     if (count == 0 || count > asset_limits::kMaxChunks)
       return corrupt_manifest(std::to_string(count) + " chunks; 1 to 4096 are allowed");
     if (in_.remaining() < count * kMinChunkEntryBytes) return corrupt_manifest("ends too early");
