@@ -79,10 +79,9 @@ int run(int argc, char** argv) {
   if (!options->port_file.empty()) {
     std::string ports = std::to_string((*service)->port()) + "\n";
     if ((*service)->admin_port() != 0) ports += std::to_string((*service)->admin_port()) + "\n";
-    const mode_t own = ::umask(usual);  // The port is for others; until run() no other thread makes files.
     const auto written = eigencast::write_file_atomically(options->port_file, ports);
-    ::umask(own);
     if (!written) return complain(written.error(), 1);
+    (void)::chmod(options->port_file.c_str(), 0666 & ~usual);  // The port is for others.
   }
   eigencast::log(sink, eigencast::LogLevel::kInfo,
                  "listening on port " + std::to_string((*service)->port()) +
