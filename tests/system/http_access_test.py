@@ -340,7 +340,7 @@ class Logs(unittest.TestCase):
         lines = 20
         names = ["".join(random.choices("abcdef", k=64)) for _ in range(2000)]
         with open(self.folder / "log", "wb") as log:
-            with Broker(BROKER, "--log-level=info", f"--log-max-lines={lines}", stderr=log) as broker:
+            with Broker(BROKER, "--log-level=info", f"--log-max-lines={lines}", "--limits-control-messages-per-s=1000000", stderr=log) as broker:
                 begun = time.monotonic()
                 refused = self.announce(broker.port, names)
                 periods = 2 + (time.monotonic() - begun) // 10
