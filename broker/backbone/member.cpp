@@ -64,7 +64,7 @@ void Member::tick() {
 }
 
 void Member::stop() {
-  if (timer_) timer_->cancel();
+  timer_.reset();  // Its loop ends before this object.
   backbone_->stop();
 }
 
