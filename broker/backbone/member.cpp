@@ -57,7 +57,7 @@ void Member::start(const Host& host) {
 void Member::tick() {
   timer_->expires_after(kTick);
   timer_->async_wait([this](boost::system::error_code error) {
-    if (error) return;
+    if (error || !timer_) return;  // It may have expired before stop().
     backbone_->tick();
     tick();
   });
