@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <memory>
 #include <optional>
 #include <thread>
 
@@ -27,6 +28,12 @@ Inputs quick(const LoopbackBroker& broker) {
   in.duration_s = 60;
   in.warmup_s = 0;
   return in;
+}
+
+/// A link to the broker that the test may break.
+std::unique_ptr<ImpairedRelay> relay_to(const LoopbackBroker& broker, ImpairedRelay::Options link = {}) {
+  link.target_port = broker.port();
+  return ImpairedRelay::start(link).value();
 }
 
 /// Runs until `enough` says so, at most for the duration.
@@ -102,13 +109,11 @@ TEST(Session, InterpolationHoldsTwoThirdsOfAnInterval) {
 TEST(Session, LinkDelayIsMeasured) {
   LoopbackBroker broker;
   ImpairedRelay::Options link;
-  link.target_port = broker.port();
   link.from_target.delay_us = 25'000;
-  auto relay = ImpairedRelay::start(link);
-  ASSERT_TRUE(relay) << relay.error().message;
+  const auto relay = relay_to(broker, link);
   Inputs in = quick(broker);
   const auto without = run_until(in, many_traced);
-  in.viewer_url = (*relay)->url("test");
+  in.viewer_url = relay->url("test");
   const auto with = run_until(in, many_traced);
   ASSERT_TRUE(without && with);
   ASSERT_GE(without->keys.count(), 24u);
@@ -159,22 +164,19 @@ TEST(Session, PairMeasuresByClockOffsets) {
 TEST(Session, PairCountsLostKeys) {
   LoopbackBroker broker;
   const Publishing sender(broker);
-  ImpairedRelay::Options link;
-  link.target_port = broker.port();
-  auto relay = ImpairedRelay::start(link);
-  ASSERT_TRUE(relay) << relay.error().message;
-  link.port = (*relay)->port();
+  auto relay = relay_to(broker);
+  ImpairedRelay::Options again;
+  again.port = relay->port();
   Inputs watches = quick(broker);
   watches.mode = "passive";
-  watches.url = (*relay)->url("test");
+  watches.url = relay->url("test");
   std::optional<std::uint64_t> sent_at_break, received_at_repair;
   const auto o = run_until(watches, [&](const Progress& p) {
     if (!sent_at_break && p.keys >= 6) {
-      relay->reset();
+      relay.reset();
       sent_at_break = sender.sent();
     } else if (sent_at_break && !received_at_repair && sender.sent() >= *sent_at_break + 30) {
-      relay = ImpairedRelay::start(link);
-      EXPECT_TRUE(relay) << relay.error().message;
+      relay = relay_to(broker, again);
       received_at_repair = p.keys;
     }
     return received_at_repair && p.keys >= *received_at_repair + 6;
@@ -187,16 +189,13 @@ TEST(Session, PairCountsLostKeys) {
 /// The link breaks for good in the middle of the run.
 TEST(Session, CountsWhatABrokenLinkLoses) {
   LoopbackBroker broker;
-  ImpairedRelay::Options link;
-  link.target_port = broker.port();
-  auto relay = ImpairedRelay::start(link);
-  ASSERT_TRUE(relay) << relay.error().message;
+  auto relay = relay_to(broker);
   Inputs in = quick(broker);
-  in.viewer_url = (*relay)->url("test");
+  in.viewer_url = relay->url("test");
   std::optional<std::uint64_t> sent_at_break;
   const auto o = run_until(in, [&](const Progress& p) {
     if (!sent_at_break && p.keys >= 6) {
-      relay->reset();
+      relay.reset();
       sent_at_break = p.sent;
     }
     return sent_at_break && p.sent >= *sent_at_break + 20;
@@ -209,14 +208,11 @@ TEST(Session, CountsWhatABrokenLinkLoses) {
 /// A connection that nobody answers must not hold the run up; one that did would meet the timeout of the test.
 TEST(Session, EndsByItsDeadlineWithoutALink) {
   LoopbackBroker broker;
-  ImpairedRelay::Options link;
-  link.target_port = broker.port();
-  auto relay = ImpairedRelay::start(link);
-  ASSERT_TRUE(relay) << relay.error().message;
+  auto relay = relay_to(broker);
   Inputs in = quick(broker);
-  in.viewer_url = (*relay)->url("test");
+  in.viewer_url = relay->url("test");
   in.duration_s = 1;
-  const auto o = run_session(in, never, [&](const Progress&) { relay->reset(); }, {});
+  const auto o = run_session(in, never, [&](const Progress&) { relay.reset(); }, {});
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_EQ(o->counts.keys_lost + o->counts.keys_received, o->counts.keys_sent);
 }

@@ -172,7 +172,7 @@ TEST_F(RoomTest, HolderAtItsLimitGivesUpItsOldestPose) {
   EXPECT_TRUE(!holds("a") && holds("b"));
   ASSERT_TRUE(hub_.find("b")->watch(receiver, kRaw));
   EXPECT_EQ(flap("c", other_, two).error().code, ErrorCode::kRefused);
-  ASSERT_TRUE(flap("watched", camera_, account_)) << "whoever sends it now pays";
+  ASSERT_TRUE(flap("watched", camera_, account_)) << "its present sender pays";
   EXPECT_EQ(two.held(), 1u);
 }
 
