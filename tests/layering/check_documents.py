@@ -3,7 +3,8 @@
 """Checks every Markdown page of the tree, and that C and C++ sources fit in 120 columns. Usage: check_documents.py ROOT
 
 Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree, headers and files of a
-room that a page names exist, docs/architecture.md names every folder, and pages that sources refer to exist.
+room that a page names exist, docs/architecture.md names every folder, pages that sources refer to exist, and each promise of
+docs/guarantees.md names tests of the tree.
 """
 import pathlib
 import re
@@ -105,6 +106,25 @@ def reference_faults(files):
                 yield f"{file}: {page} has no \"{title}\""
 
 
+def promise_faults(files):
+    """Each item and row of docs/guarantees.md names a test: `Suite.Name`, or `test_name` of a script; and there is such a test."""
+    known = set()
+    for file in files:
+        if file.parts[0] == "tests" and file.suffix in (".cpp", ".h", ".py") and (ROOT / file).is_file():
+            text = (ROOT / file).read_text(encoding="utf-8")
+            known.update(f"{suite}.{name}" for suite, name in re.findall(r"^TEST(?:_[FP])?\(\s*(\w+),\s*(\w+)\)", text, re.M))
+            known.update(re.findall(r"^ +def (test_\w+)\(", text, re.M))
+    text = (ROOT / "docs/guarantees.md").read_text(encoding="utf-8")
+    promises = re.findall(r"^- .*(?:\n  .*)*|(?<=\|\n)\| .*", text, re.M)
+    if not promises:
+        yield "docs/guarantees.md: makes no promise that can be checked"
+    for promise in promises:
+        named = re.findall(r"`([A-Z]\w+\.[A-Z]\w+|test_\w+)`", promise)
+        if not named:
+            yield f"docs/guarantees.md: names no test: {promise}"
+        yield from (f"docs/guarantees.md: {name}: there is no such test" for name in named if name not in known)
+
+
 def unnamed_folders(files):
     text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
     folders = {str(parent) for file in files for parent in file.parents if str(parent) != "."}
@@ -117,7 +137,7 @@ def main():
     files = tracked()
     top = sorted({file.parts[0] for file in files if len(file.parts) > 1})
     headers = {file.name for file in files if file.suffix == ".h"}
-    faults = [*unnamed_folders(files), *reference_faults(files), *source_width_faults(files)]
+    faults = [*unnamed_folders(files), *reference_faults(files), *source_width_faults(files), *promise_faults(files)]
     pages = [file for file in files if file.suffix == ".md"]
     for page in pages:
         text = (ROOT / page).read_text(encoding="utf-8")
