@@ -76,6 +76,13 @@ TEST(BrokerConnection, TwentyStreamsTakeFourThreadsAndOneConnection) {
     senders.push_back(std::make_unique<Sender>(broker, 8, CodecKind::kFloat64, stream_name(i)));
     ASSERT_TRUE(senders.back()->send_first());
   }
+  // Uploads are over: what comes now are the subscribers'.
+  ASSERT_TRUE(eventually([&] {
+    const bool live = std::all_of(senders.begin(), senders.end(), [](const auto& sender) {
+      return sender->publisher->stats().state == Publisher::State::kLive;
+    });
+    return live && connections_to(broker.port()) == 20;
+  }));
   const long threads = threads_of_this_process();
   const int connections = connections_to(broker.port());
   Subscribers subscribers;
