@@ -24,6 +24,7 @@
 #include "common/progressive/prefix.h"
 #include "common/progressive/splats.h"
 #include "common/spectral/basis.h"
+#include "common/spectral/eigenbasis.h"
 #include "common/spectral/laplacian.h"
 #include "common/surface/appearance.h"
 #include "common/surface/checks/check.h"
@@ -41,7 +42,6 @@ constexpr double kMinSize = 1e-15, kMaxSize = 1e15;
 
 constexpr std::size_t kPosesOfLevels = 6;             // more change little
 constexpr std::size_t kMaxPosedVertices = 1'200'000;  // of all those poses: 100 bytes each
-constexpr std::size_t kSolvedExactly = 150'000;       // vertices, as of solve_eigenbasis()
 constexpr double kProgramBytes = 35e6;
 constexpr double kKernelBytes =
     12'000;  // of a point: the heat kernel's pairs, matrix and factor; 9 KB at 42,000 points
@@ -392,10 +392,10 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
 
 }  // namespace
 
-// Eigenvectors, candidates and basis side by side, and the vectors of one Lanczos band (beyond kSolvedExactly none); or
-// a motion's columns as given and as worked on. Measured: 6.7 to 9.9 KB a vertex at rank 200.
+// Eigenvectors, candidates and basis side by side, and the vectors of one Lanczos band (beyond kExactMaxVertices none);
+// or a motion's columns as given and as worked on. Measured: 6.7 to 9.9 KB a vertex at rank 200.
 double bake_bytes(std::size_t vertices, const BakeOptions& options) {
-  auto columns = vertices <= kSolvedExactly ? 4.5 * options.rank + 360 : 3.0 * options.rank + 180;
+  auto columns = vertices <= std::size_t{kExactMaxVertices} ? 4.5 * options.rank + 360 : 3.0 * options.rank + 180;
   if (options.motion != nullptr && options.motion->columns.count > 0)
     columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
   if (detail_of(options) != DetailKind::kNone) columns += 2.0 * options.rank;  // as integers, and while coded

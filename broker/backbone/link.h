@@ -13,8 +13,6 @@
 
 namespace eigencast::broker {
 
-struct Config;
-
 /// Connects brokers: messages by subject, requests with replies, and a shared table of streams. Calls handlers on the
 /// broker's event loop and never blocks it.
 class Link {
@@ -59,13 +57,5 @@ class Link {
   virtual void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
                          std::function<void(const Result<std::uint64_t>&)> written) = 0;
 };
-
-/// A Link over NATS by the settings of [backbone]: subjects and requests of core NATS, and a JetStream key-value bucket
-/// as the table.
-///   id       in the server's list of clients
-///   on_loop  runs work on the event loop; thread-safe
-/// Errors: kInvalidArgument, kIo (options refused by libnats).
-Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::string& id,
-                                             std::function<void(std::function<void()>)> on_loop);
 
 }  // namespace eigencast::broker

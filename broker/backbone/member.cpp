@@ -7,6 +7,8 @@
 #include <fstream>
 #include <utility>
 
+#include "broker/backbone/nats_link.h"
+
 namespace eigencast::broker {
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include "broker/backbone/nats_link.h"
+
 #include <algorithm>
 #include <utility>
 

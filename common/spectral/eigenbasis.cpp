@@ -24,8 +24,7 @@ constexpr int kLargestBand = 256;  // eigenpairs a band aims for: more cost too 
 constexpr int kSmallestBand = 32;
 constexpr double kGap = 1e-7;   // relative width of the narrowest gap between eigenvalues that is not rounding
 constexpr double kSame = 1e-9;  // relative width of a cluster that counts as one eigenvalue
-constexpr Eigen::Index kManyVertices = 150000;  // beyond, eigenvectors are approximated
-constexpr int kMaxAttempts = 60;                // at one band
+constexpr int kMaxAttempts = 60;  // at one band
 
 /// Peak bytes of solving for m pairs, without the factor: the subspace of the largest band, and the pairs.
 double bytes_needed(Eigen::Index n, int m) {
@@ -295,7 +294,7 @@ Result<Eigenbasis> solve(const Laplacian& laplacian, int m, Method method, const
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress, EigenSolver solver) {
   const Eigen::Index n = laplacian.mass.size();
   if (solver == EigenSolver::kLanczos)
-    return solve(laplacian, m, n <= kManyVertices ? Method::kLanczos : Method::kMultilevel, progress);
+    return solve(laplacian, m, n <= kExactMaxVertices ? Method::kLanczos : Method::kMultilevel, progress);
   if (n <= kSpectraMaxVertices) return solve(laplacian, m, Method::kSpectra, progress);
   return fail(ErrorCode::kTooLarge, "the solver 'spectra' takes up to " + std::to_string(kSpectraMaxVertices) +
                                         " vertices, this surface has " + std::to_string(n) +

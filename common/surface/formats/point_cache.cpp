@@ -115,10 +115,6 @@ Result<Layout> layout_of_mdd(const BinaryFile& file) {
 
 }  // namespace
 
-std::string frame_of_file(std::size_t frame, const std::string& path) {
-  return "frame " + std::to_string(frame) + " of " + path;
-}
-
 Result<Frames> open_point_cache(const std::string& path) {
   const auto file = BinaryFile::open(path);
   if (!file) return file.error();

@@ -18,7 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "broker/backbone/link.h"
+#include "broker/backbone/nats_link.h"
 #include "broker/config/config.h"
 
 namespace eigencast::broker {
