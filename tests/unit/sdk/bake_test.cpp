@@ -76,7 +76,9 @@ TEST(Bake, RestPoseRoundTrips) {
 
 TEST(Bake, LevelsUseReadablePosesOfTheMotion) {
   const Surface surface = make_torus(40, 20, 1.0, 0.4);
+  std::set<std::size_t> read;
   const KnownMotion motion{{}, 12, [&](std::size_t i) -> Result<std::vector<Vec3>> {
+                             read.insert(i);
                              if (i == 5) return fail(ErrorCode::kIo, "gone");
                              std::vector<Vec3> pose = surface.positions;
                              for (Vec3& p : pose) p[2] += 0.1 * static_cast<double>(i) * p[0] * p[0];
@@ -92,8 +94,8 @@ TEST(Bake, LevelsUseReadablePosesOfTheMotion) {
   expect_sound(surface, *moving);
   EXPECT_FALSE(moving->from_cache);
   EXPECT_NE(moving->asset.source_vertex, still->asset.source_vertex);
-  EXPECT_NE(moving->report.find("made for the rest pose and 4 more"), std::string::npos) << moving->report;
-  EXPECT_EQ(still->report.find("made for the rest pose"), std::string::npos) << still->report;
+  EXPECT_EQ(read.size(), 6u);
+  EXPECT_TRUE(read.contains(5) && read.contains(7)) << "what cannot be read, or is not finite, was met";
   EXPECT_TRUE(bake(surface, options, cache.path().string())->from_cache);
 }
 

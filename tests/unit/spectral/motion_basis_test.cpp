@@ -115,7 +115,7 @@ TEST(RigColumns, ThatAreTooManyAreRefused) {
   const auto columns = columns_from_rig(rig);
   ASSERT_FALSE(columns);
   EXPECT_EQ(columns.error().code, ErrorCode::kTooLarge);
-  EXPECT_NE(columns.error().message.find("3200 columns"), std::string::npos) << columns.error().message;
+  EXPECT_NE(columns.error().message.find("3200"), std::string::npos) << columns.error().message;
 }
 
 // The theorem: the span holds every pose of the rig, not only the sampled ones.
