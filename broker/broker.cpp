@@ -245,6 +245,7 @@ void Broker::reload(const Result<Config>& wanted) {
 
 void Broker::apply(const Result<Config>& wanted) {
   if (!wanted) {
+    ++context().counters.reloads_failed;
     return log(context().log, LogLevel::kError,
                "the configuration is not reloaded, everything stays as it was: " + wanted.error().message);
   }
@@ -261,6 +262,7 @@ void Broker::apply(const Result<Config>& wanted) {
   gate_.replace_policy(std::move(security->policy));
   tls_ = std::move(security->tls);
   warn_about_security();
+  ++context().counters.reloads;
   log(context().log, LogLevel::kInfo,
       "the configuration is reloaded, " + std::to_string(changes.size()) + " settings differ");
 }

@@ -45,6 +45,8 @@ struct EventCounts {
   std::uint64_t control_sent = 0;
   std::uint64_t slow_disconnects = 0;
   std::uint64_t kicked = 0;
+  std::uint64_t reloads = 0;
+  std::uint64_t reloads_failed = 0;
   std::uint64_t senders_replaced = 0;
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;

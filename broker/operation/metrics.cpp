@@ -103,6 +103,8 @@ class BrokerMetrics {
     counter("slow_disconnects_total", "Connections closed because control messages piled up.",
             counters.slow_disconnects);
     counter("kicked_total", "Connections closed through the admin API.", counters.kicked);
+    counter("reloads_total", "Configurations taken by a reload.", counters.reloads);
+    counter("reloads_failed_total", "Reloads that changed nothing, for an error.", counters.reloads_failed);
     counter("control_received_total", "Control messages received.", counters.control_received);
     counter("control_sent_total", "Control messages sent.", counters.control_sent);
   }

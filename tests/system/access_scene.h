@@ -5,12 +5,13 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <string>
 #include <vector>
 
-#include "tests/system/scene.h"
+#include "tests/system/operation.h"
 
 // What the tests of access, TLS and proxies share: secrets, certificates, tokens, clients that are let in or not.
 namespace eigencast::testing {
@@ -34,7 +35,7 @@ inline bool make_certificate(const Scene& scene, const std::string& name,
   return made;
 }
 
-class AccessTest : public ::testing::Test {
+class AccessTest : public Operation {
  protected:
   void SetUp() override {
     write_secret(scene_.file("main.secret"), "a secret of the tests, of more than 32 bytes");
@@ -74,8 +75,16 @@ class AccessTest : public ::testing::Test {
     EXPECT_EQ(client->wait(kPatience), 4) << client->output();
     return client->output();
   }
-
-  Scene scene_;
+  /// Has the broker read its configuration again; whether it took it.
+  bool reloads(Process& broker) {
+    const auto taken = [&] { return metric("eigencast_broker_reloads_total"); };
+    const auto refused = [&] { return metric("eigencast_broker_reloads_failed_total"); };
+    const double taken_before = taken(), refused_before = refused();
+    broker.signal(SIGHUP);
+    EXPECT_TRUE(eventually([&] { return taken() > taken_before || refused() > refused_before; }, kPatience))
+        << scene_.logs();
+    return taken() > taken_before;
+  }
 };
 
 }  // namespace eigencast::testing

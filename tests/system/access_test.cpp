@@ -34,12 +34,12 @@ TEST_F(AccessTest, RightsAndTlsAdmitAStream) {
   EXPECT_THAT(refusal("no-token", {"--ca", ca}), HasSubstr("--token"));
   EXPECT_THAT(refusal("no-right", {"--ca", ca, "--token", sends}),
               ::testing::AllOf(HasSubstr("'sends'"), HasSubstr("'live/test'")));
-  EXPECT_THAT(refusal("no-ca", {"--token", views}), HasSubstr("is not trusted"));
+  EXPECT_THAT(refusal("no-ca", {"--token", views}), HasSubstr("--ca"));
   EXPECT_THAT(refusal("forged", {"--ca", ca, "--token", text_of(scene_.file("views")).substr(0, 40) + ".x.y"}),
               HasSubstr("401"));
   const std::string brief = token("brief", {"--subscribe", "**", "--valid", "1s"});
   sleep_for(milliseconds(2100));
-  EXPECT_THAT(refusal("expired", {"--ca", ca, "--token", brief}), HasSubstr("expired"));
+  EXPECT_THAT(refusal("expired", {"--ca", ca, "--token", brief}), HasSubstr("\"exp\""));
   for (const char* name : {"sends", "views", "brief"}) {
     EXPECT_THAT(broker->output(), ::testing::Not(HasSubstr(text_of(scene_.file(name)).substr(0, 60))))
         << "a token in the log";
@@ -53,13 +53,15 @@ TEST_F(AccessTest, AnExpiredTokenEndsItsConnection) {
   // Baking and uploading are done when somebody sees it.
   EXPECT_TRUE(watches("first", {"--token", token("views", {"--subscribe", "**"})})) << scene_.logs();
   // A busy machine may not join within the first's time.
-  for (const auto& [valid, duration] : {std::pair{"5s", "7"}, {"40s", "42"}}) {
-    const std::string brief = token("brief", {"--subscribe", "**", "--valid", valid});
-    scene_.start_client("a", {"--token", brief, "--duration", duration})->wait(kPatience);
-    if (!scene_.received("a").empty()) break;
+  for (const char* valid : {"5s", "40s"}) {
+    auto client = scene_.start_client(
+        "a", {"--token", token("brief", {"--subscribe", "**", "--valid", valid}), "--frames", "1000000"});
+    if (!eventually([&] { return !scene_.received("a").empty(); }, milliseconds(20'000))) continue;
+    EXPECT_TRUE(eventually([&] { return client_of_kind("viewer").is_null(); }, kPatience)) << scene_.logs();
+    EXPECT_TRUE(client->running()) << "the broker ended it";
+    return;
   }
-  EXPECT_FALSE(scene_.received("a").empty()) << scene_.logs();
-  EXPECT_TRUE(broker->wait_for_output("has expired", kPatience)) << scene_.logs();
+  ADD_FAILURE() << "no viewer joined: " << scene_.logs();
 }
 
 TEST_F(AccessTest, AReloadTakesOnlyAGoodCertificate) {
@@ -81,14 +83,13 @@ TEST_F(AccessTest, AReloadTakesOnlyAGoodCertificate) {
   EXPECT_TRUE(watches("before", {"--token", both, "--ca", scene_.file("first.pem")})) << scene_.logs();
 
   std::ofstream(scene_.file("now.pem")) << "no certificate\n";
-  broker->signal(SIGHUP);
-  EXPECT_TRUE(broker->wait_for_output("not reloaded, everything stays as it was", kPatience)) << scene_.logs();
+  EXPECT_FALSE(reloads(*broker)) << scene_.logs();
   EXPECT_TRUE(watches("still", {"--token", both, "--ca", scene_.file("first.pem")})) << scene_.logs();
 
   install("second");
-  broker->signal(SIGHUP);
-  EXPECT_TRUE(broker->wait_for_output("the configuration is reloaded", kPatience)) << scene_.logs();
-  EXPECT_THAT(refusal("old-ca", {"--token", both, "--ca", scene_.file("first.pem")}), HasSubstr("is not trusted"));
+  EXPECT_TRUE(reloads(*broker)) << scene_.logs();
+  EXPECT_THAT(refusal("old-ca", {"--token", both, "--ca", scene_.file("first.pem")}),
+              HasSubstr(scene_.file("first.pem")));
   EXPECT_TRUE(watches("after", {"--token", both, "--ca", scene_.file("second.pem")}))
       << "the sender's connection was kept: " << scene_.logs();
 }
@@ -123,7 +124,7 @@ TEST_F(AccessTest, FixedTokensAdmitAndInspectPrintsTheirRights) {
   auto broker = scene_.start_broker(configured());
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", secret});
   EXPECT_TRUE(watches("a", {"--token", secret})) << scene_.logs();
-  EXPECT_THAT(refusal("wrong", {"--token", "ect_" + std::string(64, '0')}), HasSubstr("does not know the token"));
+  EXPECT_THAT(refusal("wrong", {"--token", "ect_" + std::string(64, '0')}), HasSubstr(" 401"));
   // Senders learn it before they bake.
   const auto turned_away = [&](const std::string& name, const std::string& token, const std::string& url) {
     EXPECT_EQ(scene_.run(name, {"eigencast-sender", "play", "torus", "--cache", scene_.file("unused"), "--token", token,
@@ -132,9 +133,8 @@ TEST_F(AccessTest, FixedTokensAdmitAndInspectPrintsTheirRights) {
     EXPECT_FALSE(std::filesystem::exists(scene_.file("unused")));
     return text_of(scene_.file(name + ".log"));
   };
-  EXPECT_THAT(turned_away("guess", "ect_" + std::string(64, '0'), scene_.url()), HasSubstr("does not know the token"));
-  EXPECT_THAT(turned_away("astray", secret, "http://127.0.0.1:" + scene_.port() + "/other"),
-              HasSubstr("publish 'other'"));
+  EXPECT_THAT(turned_away("guess", "ect_" + std::string(64, '0'), scene_.url()), HasSubstr(" 401"));
+  EXPECT_THAT(turned_away("astray", secret, "http://127.0.0.1:" + scene_.port() + "/other"), HasSubstr("'other'"));
   const std::vector<std::string> inspect = {
       "eigencast-broker", "token", "inspect", "--config", scene_.file("eigencast.toml"), secret};
   auto may = inspect;

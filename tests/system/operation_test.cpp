@@ -54,7 +54,7 @@ TEST_F(Operation, TheAdminApiReportsHealthAndMetrics) {
   const std::string viewer = client_of_kind("viewer")["id"].dump();
   EXPECT_THAT(get("/api/clients/kick?id=" + viewer), HasSubstr("404")) << "orders are POSTs";
   EXPECT_THAT(post("/api/clients/kick?id=" + viewer), HasSubstr("200"));
-  EXPECT_TRUE(broker->wait_for_output("closed through the admin port", kPatience)) << scene_.logs();
+  EXPECT_TRUE(eventually([&] { return client_of_kind("viewer")["id"].dump() != viewer; }, kPatience)) << scene_.logs();
   EXPECT_THAT(post("/api/clients/kick?id=" + viewer), HasSubstr("404"));
   EXPECT_EQ(metric("eigencast_broker_kicked_total"), 1);
 }
@@ -144,8 +144,13 @@ TEST_F(Operation, ARecordingSurvivesSigkillAndReplays) {
     EXPECT_GE(static_cast<double>(torn->info().frames), received - 30) << "at most the last second is lost";
   }
   broker = scene_.start_broker();
-  EXPECT_TRUE(broker->wait_for_output("repaired with", kPatience)) << scene_.logs();
-  EXPECT_TRUE(recording::Reader::open(file)->info().complete);
+  EXPECT_TRUE(eventually(
+      [&] {
+        const auto repaired = recording::Reader::open(file);
+        return repaired && repaired->info().complete;
+      },
+      kPatience))
+      << scene_.logs();
 
   // A broker that has never seen the asset.
   Scene other;
@@ -171,20 +176,21 @@ TEST_F(Operation, ASecondSenderReplacesTheFirst) {
   const auto second = std::make_unique<Process>(
       std::vector<std::string>{bin_dir() + "/eigencast-sender", "play", "torus", "--rate", "30", "--to", scene_.url()},
       scene_.file("second.log"));
-  EXPECT_TRUE(first->wait_for_output("taken this stream over", kPatience)) << scene_.logs();
-  EXPECT_TRUE(second->wait_for_output("live at", kPatience)) << scene_.logs();
   EXPECT_EQ(first->wait(kPatience), 4) << "it does not come back: " << scene_.logs();
+  EXPECT_TRUE(live()) << scene_.logs();
+  EXPECT_TRUE(second->running()) << scene_.logs();
   EXPECT_EQ(metric("eigencast_broker_senders_replaced_total"), 1) << scene_.logs();
 }
 
-TEST_F(Operation, OnSigtermPeersHearOfTheEnd) {
-  const auto broker = scene_.start_broker();
+TEST_F(Operation, OnSigtermItEndsAndPeersComeBack) {
+  auto broker = scene_.start_broker();
   const auto sender = scene_.start_sender({"torus", "--rate", "30"});
   ASSERT_TRUE(live()) << scene_.logs();
   broker->signal(SIGTERM);
   EXPECT_EQ(broker->wait(kPatience), 0) << scene_.logs();
-  EXPECT_TRUE(sender->wait_for_output("the broker leaves", kPatience)) << scene_.logs();
-  EXPECT_TRUE(sender->wait_for_output("next try in", kPatience)) << scene_.logs();
+  broker = scene_.start_broker();
+  EXPECT_TRUE(live()) << scene_.logs();
+  EXPECT_TRUE(sender->running()) << scene_.logs();
 }
 
 TEST_F(Operation, ADrainIsNotReadyAndEndsAtItsDeadline) {
@@ -256,7 +262,6 @@ TEST_F(Operation, AnInheritedSocketIsUsed) {
   EXPECT_TRUE(eventually([&] { return !(answer = ask(port, "GET", "/v1/streams")).empty(); }, kPatience))
       << broker.output();
   EXPECT_THAT(answer, HasSubstr("\"streams\":[]")) << broker.output();
-  EXPECT_TRUE(broker.wait_for_output("listening on port " + port, kPatience)) << broker.output();
 }
 
 }  // namespace

@@ -36,12 +36,10 @@ class Restart : public ::testing::Test {
 
 TEST_F(Restart, ARestartedBrokerFindsBothAgain) {
   kill(*broker_);
-  EXPECT_TRUE(sender_->wait_for_output("next try in", kPatience)) << scene_.logs();
-  EXPECT_TRUE(client_->wait_for_output("next try in", kPatience)) << scene_.logs();
   broker_ = scene_.start_broker();
   EXPECT_TRUE(grows()) << scene_.logs();
   EXPECT_TRUE(sender_->running());
-  EXPECT_TRUE(client_->running());
+  EXPECT_GE(scene_.reconnects("a", *client_), 1u) << scene_.logs();
 }
 
 TEST_F(Restart, ARestartedSenderResumesInTheSameViewer) {

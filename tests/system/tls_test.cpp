@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include <signal.h>
+#include <ctime>
 
 #include "tests/system/access_scene.h"
 
@@ -7,6 +7,8 @@
 namespace eigencast::testing {
 namespace {
 
+using ::testing::AllOf;
+using ::testing::AnyOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -36,7 +38,7 @@ TEST_F(TlsTest, ABadCertificateNamesItsRemedy) {
   const std::string good = scene_.file("good.pem");
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--ca", good});
   EXPECT_TRUE(watches("trusted", {"--ca", good})) << scene_.logs();
-  EXPECT_THAT(refusal("unknown", {}), HasSubstr("--ca FILE"));
+  EXPECT_THAT(refusal("unknown", {}), HasSubstr("--ca"));
   ASSERT_TRUE(make_certificate(scene_, "other"));
   EXPECT_THAT(refusal("another", {"--ca", scene_.file("other.pem")}), HasSubstr(scene_.file("other.pem")));
   EXPECT_TRUE(watches("insecure", {"--insecure"})) << scene_.logs();
@@ -49,13 +51,21 @@ TEST_F(TlsTest, ExpiryAndWrongHostAreToldApart) {
   {
     auto broker = scene_.start_broker(with_tls("elsewhere"));
     EXPECT_THAT(refusal("elsewhere-client", {"--ca", scene_.file("elsewhere.pem")}),
-                HasSubstr("elsewhere.example, *.lab.example, 10.1.2.3"));
+                AllOf(HasSubstr("elsewhere.example"), HasSubstr("*.lab.example"), HasSubstr("10.1.2.3")));
   }
+  const auto yesterday = [] {
+    const std::time_t then = std::time(nullptr) - 86'400;
+    char day[16];
+    return std::string(day, std::strftime(day, sizeof day, "%Y-%m-%d", std::gmtime(&then)));
+  };
+  const std::string before = yesterday();
   ASSERT_TRUE(make_expired("expired"));
+  const std::string after = yesterday();
   auto broker = scene_.start_broker(
       configured({"--tls-certificate", scene_.file("expired.pem"), "--tls-key", scene_.file("good.key")}));
-  EXPECT_TRUE(broker->wait_for_output("has expired", kPatience)) << scene_.logs();
-  EXPECT_THAT(refusal("expired-client", {"--ca", scene_.file("expired.pem")}), HasSubstr("it expired on 20"));
+  EXPECT_TRUE(broker->wait_for_output(scene_.file("expired.pem"), kPatience)) << scene_.logs();
+  EXPECT_THAT(refusal("expired-client", {"--ca", scene_.file("expired.pem")}),
+              AnyOf(HasSubstr(before), HasSubstr(after)));
 }
 
 TEST_F(TlsTest, ClientCertificatesAreRequiredWhenConfigured) {
@@ -73,8 +83,8 @@ TEST_F(TlsTest, ClientCertificatesAreRequiredWhenConfigured) {
   of_sender.insert(of_sender.begin(), {"torus", "--rate", "30"});
   auto sender = scene_.start_sender(of_sender);
   EXPECT_TRUE(watches("shown", with("client"))) << scene_.logs();
-  EXPECT_THAT(refusal("none", {"--ca", ca}), HasSubstr("--cert FILE --key FILE"));
-  EXPECT_THAT(refusal("not-theirs", with("stranger")), HasSubstr("does not take the certificate of yours"));
+  EXPECT_THAT(refusal("none", {"--ca", ca}), AllOf(HasSubstr("--cert"), HasSubstr("--key")));
+  EXPECT_THAT(refusal("not-theirs", with("stranger")), AllOf(HasSubstr("--cert"), HasSubstr("--key")));
   EXPECT_EQ(scene_.run("mixed", {"eigencast-client", scene_.url(), "--headless", "--frames", "1", "--cert",
                                  scene_.file("client.pem"), "--key", scene_.file("good.key")}),
             2);
@@ -96,9 +106,8 @@ TEST_F(TlsTest, NothingOlderThanTheConfigurationAllowsIsSpoken) {
   EXPECT_THAT(handshake("-tls1_2"), HasSubstr("Protocol version: TLSv1.2"));
   EXPECT_THAT(handshake("-tls1_3"), HasSubstr("Protocol version: TLSv1.3"));
   write_secret(scene_.file("eigencast.toml"), "[tls]\nleast_version = \"1.3\"\n");
-  broker->signal(SIGHUP);
-  ASSERT_TRUE(broker->wait_for_output("tls.least_version = \"1.3\" instead of \"1.2\"", kPatience)) << scene_.logs();
-  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded", kPatience));
+  ASSERT_TRUE(reloads(*broker)) << scene_.logs();
+  EXPECT_TRUE(broker->wait_for_output("tls.least_version = \"1.3\"", kPatience)) << scene_.logs();
   EXPECT_THAT(handshake("-tls1_2"), Not(HasSubstr("Protocol version")));
 }
 
