@@ -242,7 +242,7 @@ struct Describe {
     if (f.wants("epoch", m.epoch != 0)) f.integer("epoch", m.epoch);
     if (f.wants("step", m.step != 0)) f.integer("step", m.step);
     if (!f.wants("broker_clock", m.broker_clock.has_value())) return;
-    if (f.reads()) m.broker_clock.emplace();
+    if (f.reads()) m.broker_clock = control::Trace::BrokerClock{};
     f.object("broker_clock", [&](Fields fields) {
       fields.time_difference("offset_us", m.broker_clock->offset_us);
       fields.time("error_us", m.broker_clock->error_us);
