@@ -7,6 +7,7 @@
 #include "client/apps.h"
 #include "client/clip_source.h"
 #include "common/command_line/log.h"
+#include "common/core/memory_budget.h"
 
 namespace {
 
@@ -23,6 +24,9 @@ int run(int argc, char** argv) {
   const auto& options = std::get<eigencast::ClientOptions>(parsed);
   // Read above, for one broker; libraries below would give it to any.
   ::unsetenv("EIGENCAST_TOKEN");
+
+  if (options.memory_mb > 0)
+    eigencast::received_memory().set_limit(static_cast<std::uint64_t>(options.memory_mb * 1e6));
 
   const eigencast::LogSink log = eigencast::sink_to(
       eigencast::stderr_logger(options.verbose ? eigencast::LogLevel::kDebug : eigencast::LogLevel::kInfo));

@@ -274,6 +274,10 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
        "~/.config/eigencast/viewer.json)"},
       {"--wait", &options.wait_s, "headless: seconds to wait for the first pose", Range{0, 1e7}, true},
       {"--cache", &options.cache_dir, "folder for downloaded models; \"\" keeps none (default: ~/.cache/eigencast)"},
+      {"--memory", &options.memory_mb,
+       "memory that surfaces and textures from brokers may take in all, in MB; larger ones are refused (default: three "
+       "quarters of what is free)",
+       Range{0, 1e9}},
       {"-v,--verbose", &options.verbose, "log more"}};
 }
 

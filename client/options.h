@@ -40,6 +40,7 @@ struct ClientOptions {
   double ui_scale = 0;          ///< For texts and panels; 0: the display's.
   std::uint64_t turntable = 0;  ///< Headless: pictures around the scene; 0: none.
   std::string cache_dir;
+  double memory_mb = 0;  ///< For what brokers send; 0: three quarters of what is free.
   bool verbose = false;
 };
 

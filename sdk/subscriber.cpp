@@ -18,10 +18,11 @@ using std::chrono::milliseconds;
 
 class BrokerSubscriber final : public Subscriber {
  public:
-  BrokerSubscriber(const BrokerUrl& url, std::string cache_dir, const BrokerConnection::Request& request)
+  BrokerSubscriber(const BrokerUrl& url, std::string cache_dir, const BrokerConnection::Request& request,
+                   MemoryBudget& memory)
       : url_(url),
         surfaces_(
-            url, std::move(cache_dir), [this] { wake(); }, request.log),
+            url, std::move(cache_dir), [this] { wake(); }, request.log, memory),
         receiver_(url, request, [this] { wake(); }) {}
 
   std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
@@ -144,7 +145,9 @@ Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options
   const auto profile = options.profile ? Result<Profile>(*options.profile) : profile_from_query(url->query);
   if (!profile) return profile.error();
   BrokerConnection::Request request{{url->stream, *profile}, options.trace_every, options.declined_retry, log};
-  return std::unique_ptr<Subscriber>(std::make_unique<BrokerSubscriber>(*url, std::move(options.cache_dir), request));
+  MemoryBudget& memory = options.memory != nullptr ? *options.memory : received_memory();
+  return std::unique_ptr<Subscriber>(
+      std::make_unique<BrokerSubscriber>(*url, std::move(options.cache_dir), request, memory));
 }
 
 }  // namespace eigencast

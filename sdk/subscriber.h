@@ -12,6 +12,7 @@
 #include "common/core/clock.h"
 #include "common/core/histogram.h"
 #include "common/core/log.h"
+#include "common/core/memory_budget.h"
 #include "common/motion/coefficients.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
@@ -27,6 +28,7 @@ struct SubscriberOptions {
   std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.
   std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
   Credentials credentials = {};                    ///< Token and trusted authorities; see common/net/url.h.
+  MemoryBudget* memory = nullptr;  ///< Bounds what its surface may take; outlives it. Null: received_memory().
 };
 
 struct ReceivedPose {

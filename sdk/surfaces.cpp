@@ -4,12 +4,13 @@
 #include <utility>
 #include <vector>
 
-#include "common/wire/limits.h"
+#include "common/asset/asset_limits.h"
 
 namespace eigencast {
 
-Surfaces::Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log)
-    : log_(log), fetcher_(url, std::move(cache_dir), std::move(wake), std::move(log)) {}
+Surfaces::Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log,
+                   MemoryBudget& memory)
+    : log_(log), memory_(memory), fetcher_(url, std::move(cache_dir), std::move(wake), std::move(log)) {}
 
 bool Surfaces::announce(const control::StreamInfo& info) {
   if (info.state == control::StreamInfo::State::kWaiting || info.asset.empty()) return false;
@@ -54,7 +55,7 @@ void Surfaces::ask() {
   if (!slot.reader) {
     const auto id = Sha256::from_hex(slot.asset);
     if (!id) return damage(slot, fail(ErrorCode::kCorrupt, "\"" + slot.asset + "\" is not an asset's id"));
-    objects.push_back({*id, limits::kMaxAssetObjectBytes});
+    objects.push_back({*id, asset_limits::kMaxManifestBytes});
   } else {
     const auto& chunks = slot.reader->chunks();
     for (std::size_t i = slot.next_chunk; i < chunks.size(); ++i) objects.push_back({chunks[i].id, chunks[i].bytes});
@@ -87,6 +88,9 @@ bool Surfaces::add_object() {
 void Surfaces::read_manifest(Slot& slot, ByteView bytes) {
   auto reader = AssetReader::from_manifest(*Sha256::from_hex(slot.asset), bytes);
   if (!reader) return damage(slot, reader.error());
+  auto memory = memory_.take(reader->memory_bytes(), "it");
+  if (!memory) return damage(slot, memory.error());
+  slot.memory = std::move(*memory);
   slot.total_bytes = bytes.size();
   for (const auto& chunk : reader->chunks()) slot.total_bytes += chunk.bytes;
   slot.reader = std::move(*reader);

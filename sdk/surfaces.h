@@ -10,6 +10,7 @@
 #include "common/asset/format/reader.h"
 #include "common/core/bytes.h"
 #include "common/core/log.h"
+#include "common/core/memory_budget.h"
 #include "common/core/result.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
@@ -22,7 +23,8 @@ namespace eigencast {
 class Surfaces {
  public:
   /// wake  is called on the fetcher's thread
-  Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log);
+  /// memory  bounds what the surfaces may take; it outlives them
+  Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log, MemoryBudget& memory);
 
   /// True: another surface than before is on its way from now on, or none any more.
   bool announce(const control::StreamInfo& info);
@@ -50,6 +52,7 @@ class Surfaces {
     std::optional<AssetReader> reader;  ///< From the manifest on.
     std::size_t next_chunk = 0;
     std::uint64_t total_bytes = 0;
+    MemoryBudget::Share memory;
     std::string damage;
 
     bool finished() const { return reader && next_chunk == reader->chunks().size(); }
@@ -68,6 +71,7 @@ class Surfaces {
   void damage(Slot& slot, const Error& why);
 
   const LogSink log_;
+  MemoryBudget& memory_;
   std::unique_ptr<Slot> shown_;    ///< Drawable.
   std::unique_ptr<Slot> pending_;  ///< Holds the newest epoch until its first chunk is in.
   AssetFetcher fetcher_;           ///< Last, so that it ends first.

@@ -48,6 +48,10 @@ void count_scans(j_common_ptr image) {
     std::longjmp(reinterpret_cast<DecoderState*>(image->err)->exit, kEndless);
 }
 
+std::string millions(std::size_t pixels) {
+  return std::to_string(pixels / 1'000'000) + " million in all (of 134, or what memory allows)";
+}
+
 struct Destroyer {
   jpeg_decompress_struct& image;
   ~Destroyer() { jpeg_destroy_decompress(&image); }
@@ -55,14 +59,14 @@ struct Destroyer {
 
 /// Holds nothing that needs destruction: errors jump over it.
 std::optional<ErrorCode> decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, DecoderState& state,
-                                Picture& picture) {
+                                std::size_t max_pixels, Picture& picture) {
   if (const int exit = setjmp(state.exit); exit != 0)
     return exit == kEndless ? ErrorCode::kTooLarge : ErrorCode::kCorrupt;
   jpeg_create_decompress(&image);
   jpeg_mem_src(&image, bytes.data(), static_cast<unsigned long>(bytes.size()));
   jpeg_read_header(&image, TRUE);
   if (image.image_width > kMaxSide || image.image_height > kMaxSide ||
-      std::size_t{image.image_width} * image.image_height > kMaxPixels)
+      std::size_t{image.image_width} * image.image_height > max_pixels)
     return ErrorCode::kTooLarge;
   if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return ErrorCode::kUnsupported;
   image.out_color_space = JCS_RGB;
@@ -107,14 +111,14 @@ Result<void> write_png(const std::string& path, const Picture& picture) {
   return {};
 }
 
-Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
+Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name, std::size_t max_pixels) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
   if (png_image_begin_read_from_memory(&image, bytes.data(), bytes.size()) == 0)
     return fail(ErrorCode::kCorrupt, name + ": " + image.message);
-  if (image.width > kMaxSide || image.height > kMaxSide || std::size_t{image.width} * image.height > kMaxPixels) {
+  if (image.width > kMaxSide || image.height > kMaxSide || std::size_t{image.width} * image.height > max_pixels) {
     png_image_free(&image);
-    return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, or 134 million");
+    return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, or " + millions(max_pixels));
   }
   image.format = PNG_FORMAT_RGB;
   Picture picture;
@@ -126,7 +130,7 @@ Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::s
   return picture;
 }
 
-Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
+Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name, std::size_t max_pixels) {
   jpeg_decompress_struct image{};
   DecoderState state{};
   image.err = jpeg_std_error(&state.manager);
@@ -135,10 +139,10 @@ Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::
   state.progress.progress_monitor = count_scans;
   Picture picture;
   const Destroyer destroyer{image};
-  const std::optional<ErrorCode> failed = decode(bytes, image, state, picture);
+  const std::optional<ErrorCode> failed = decode(bytes, image, state, max_pixels, picture);
   if (!failed) return picture;
   if (failed == ErrorCode::kTooLarge)
-    return fail(*failed, name + ": over 16,384 pixels on a side, 134 million, or 200 scans");
+    return fail(*failed, name + ": over 16,384 pixels on a side, " + millions(max_pixels) + ", or 200 scans");
   if (failed == ErrorCode::kUnsupported)
     return fail(*failed, name + ": a JPEG in colours of print (CMYK); save it in RGB");
   return fail(ErrorCode::kCorrupt, name + ": " + state.message.data());

@@ -30,10 +30,12 @@ inline constexpr int kMaxSide = 16'384;
 /// Writes under a temporary name and renames. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Drops alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide).
-Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
+/// Drops alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (max_pixels, kMaxSide).
+Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name,
+                               std::size_t max_pixels = kMaxPixels);
 
-/// Grey ones as RGB. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide, 200 scans), kUnsupported (CMYK).
-Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
+/// Grey ones as RGB. Errors: kCorrupt, kTooLarge (max_pixels, kMaxSide, 200 scans), kUnsupported (CMYK).
+Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name,
+                                std::size_t max_pixels = kMaxPixels);
 
 }  // namespace eigencast

@@ -14,6 +14,8 @@
 #include <thread>
 #include <utility>
 
+#include "common/core/memory_budget.h"
+
 namespace eigencast {
 namespace {
 
@@ -23,11 +25,20 @@ bool starts_with(const Bytes& bytes, std::initializer_list<std::uint8_t> magic) 
 
 constexpr const char* kTextureName = "the surface's texture";
 
+// While it is decoded: three bytes a pixel and, of a progressive JPEG, six of coefficients; what is kept: three, and
+// their mipmaps on the GPU.
+constexpr std::uint64_t kDecodingBytes = 9, kPixelBytes = 7;
+
+std::uint64_t pixels_of(const Picture& picture) {
+  return picture.rgb.size() / 3;
+}
+
 Result<Picture> decoded(const Bytes& bytes, int max_side) {
   const std::string name = kTextureName;
-  auto picture = starts_with(bytes, {0x89, 'P', 'N', 'G'}) ? read_png_bytes(bytes, name)
+  const auto max_pixels = std::min<std::uint64_t>(kMaxPixels, received_memory().left() / kDecodingBytes);
+  auto picture = starts_with(bytes, {0x89, 'P', 'N', 'G'}) ? read_png_bytes(bytes, name, max_pixels)
                  : starts_with(bytes, {0xff, 0xd8, 0xff})
-                     ? read_jpeg_bytes(bytes, name)
+                     ? read_jpeg_bytes(bytes, name, max_pixels)
                      : Result<Picture>(fail(ErrorCode::kUnsupported, name + " is neither PNG nor JPEG"));
   const int longest = std::clamp(max_side, 1, kMaxTextureSide);
   while (picture && std::max(picture->width, picture->height) > longest) {
@@ -113,11 +124,18 @@ class Decoder {
   /// REQUIRES: the caller holds the texture.
   void keep(const AssetTexture& texture, Result<Picture> result) {
     Known& mine = known_[&texture];
-    if (result) {
-      mine.fresh = std::make_shared<const Picture>(std::move(*result));
+    auto memory = result ? received_memory().take(kPixelBytes * pixels_of(*result), kTextureName)
+                         : Result<MemoryBudget::Share>(result.error());
+    if (memory) {
+      struct Kept {
+        Picture picture;
+        MemoryBudget::Share memory;
+      };
+      const auto kept = std::make_shared<const Kept>(Kept{std::move(*result), std::move(*memory)});
+      mine.fresh = std::shared_ptr<const Picture>(kept, &kept->picture);
       mine.picture = mine.fresh;
     } else {
-      mine.failed = result.error();
+      mine.failed = memory.error();
     }
     mine.queued = false;
     news_.notify_all();

@@ -24,7 +24,7 @@ inline constexpr std::size_t kMaxImagesWaiting = 8;
 inline constexpr int kMaxTextureSide = 8192;  ///< Images are halved until no side is longer.
 
 /// Callers share it while one of them holds it. max_side: the GPU's limit, where that is below kMaxTextureSide.
-/// Thread-safe. Errors: kCorrupt, kUnsupported (neither PNG nor JPEG), kTooLarge (kMaxPixels).
+/// Thread-safe. Errors: kCorrupt, kUnsupported (neither PNG nor JPEG), kTooLarge (kMaxPixels, received_memory()).
 TextureImage image_of(const std::shared_ptr<const AssetTexture>& texture, Decode decode,
                       int max_side = kMaxTextureSide);
 

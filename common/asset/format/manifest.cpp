@@ -333,8 +333,8 @@ Bytes write_manifest(const Manifest& manifest) {
 }
 
 Result<Manifest> read_manifest(ByteView bytes) {
-  if (bytes.size() > asset_limits::kMaxObjectBytes)
-    return too_large_in_manifest("its size", bytes.size(), asset_limits::kMaxObjectBytes);
+  if (bytes.size() > asset_limits::kMaxManifestBytes)
+    return too_large_in_manifest("its size", bytes.size(), asset_limits::kMaxManifestBytes);
   return Parser(bytes).parse();
 }
 

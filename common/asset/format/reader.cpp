@@ -72,6 +72,24 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   return reader;
 }
 
+std::uint64_t AssetReader::memory_bytes() const {
+  // Beside the basis: an asset's arrays, poses and what is drawn of them, in memory and on the GPU.
+  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kEntryBytes = 3 * sizeof(float), kWedgeByteBytes = 8;
+  std::uint64_t largest_chunk = 0, extras = 0, entry_bytes = kEntryBytes;
+  for (const ChunkEntry& chunk : manifest_->chunks) {
+    std::uint64_t unpacked = 4 * chunk.stored_bytes();  // This one, two that are ready, one that is on its way.
+    for (const TileEntry& tile : chunk.tiles) {
+      unpacked += tile.raw_bytes;
+      if (tile.is(TileKind::kDetail)) entry_bytes = 2 * kEntryBytes;
+      if (tile.is(TileKind::kWedges)) extras += kWedgeByteBytes * tile.raw_bytes;
+      if (tile.is(TileKind::kImage)) extras += tile.raw_bytes;
+    }
+    largest_chunk = std::max(largest_chunk, unpacked);
+  }
+  return std::uint64_t{asset_.vertex_count} * (asset_.rank * entry_bytes + kVertexBytes) +
+         asset_.face_total * kFaceBytes + extras + largest_chunk;
+}
+
 Result<void> AssetReader::add_chunk(std::size_t index, ByteView bytes) {
   if (index != next_ || index >= chunks_.size()) {
     return fail(ErrorCode::kInvalidArgument, chunk_name(index) + ": chunks must come in order, the next is " +

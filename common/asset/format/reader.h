@@ -36,6 +36,10 @@ class AssetReader {
   static Result<AssetReader> from_manifest(const Sha256& id, ByteView manifest, std::size_t bands = kAllBands);
 
   const std::vector<ChunkRef>& chunks() const { return chunks_; }
+  /// What the whole asset may take at most, in bytes: its arrays while they grow, the copies from which processor and
+  /// GPU rebuild poses, poses as they are drawn, the largest chunk unpacked, and those waiting. Without the texture's
+  /// pixels.
+  std::uint64_t memory_bytes() const;
   /// Adds chunk `index`, whole or its first needed_bytes; chunks must come in order. After an error nothing has
   /// changed. Errors: kCorrupt, kInvalidArgument (order).
   Result<void> add_chunk(std::size_t index, ByteView bytes);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -15,6 +16,7 @@
 #include "common/asset/format/manifest.h"
 #include "common/asset/format/reader.h"
 #include "common/asset/tiles/compression.h"
+#include "heap.h"
 #include "sample_asset.h"
 
 namespace eigencast {
@@ -244,6 +246,86 @@ TEST(AssetHostile, AbsurdClaimsAreRefusedBeforeAllocation) {
               tiles[0].raw_bytes = rows * 7, tiles[1].raw_bytes = rows * 16, tiles[2].raw_bytes = rows * 6;
             }),
             ErrorCode::kTooLarge);
+}
+
+/// What one reader has taken at most.
+struct Taken {
+  std::uint64_t bytes = 0, stated = 0;
+  std::optional<ErrorCode> refused;
+};
+Taken take_whole(const EncodedAsset& encoded) {
+  watch_heap();
+  const std::size_t before = heap_use().now;
+  Taken taken;
+  const auto read = [&]() -> Result<void> {
+    auto reader = reader_of(encoded.manifest.bytes);
+    if (!reader) return reader.error();
+    taken.stated = reader->memory_bytes();
+    for (std::size_t i = 0; i < encoded.chunks.size(); ++i) {
+      if (auto added = reader->add_chunk(i, encoded.chunks[i].bytes); !added) return added;
+    }
+    return {};
+  };
+  if (const auto whole = read(); !whole) taken.refused = whole.error().code;
+  taken.bytes = heap_use().peak - before;
+  return taken;
+}
+
+TEST(AssetHostile, LyingSizesOfTilesTakeNoMemory) {
+  for (const bool compress : {false, true}) {
+    for (const bool cloud : {false, true}) {
+      const EncodedAsset good = sample(compress, cloud, true);
+      const std::uint64_t honest = take_whole(good).bytes;
+      const auto manifest = read_manifest(good.manifest.bytes);
+      for (std::size_t c = 0; c < manifest->chunks.size(); ++c) {
+        for (std::size_t t = 0; t < manifest->chunks[c].tiles.size(); ++t) {
+          for (const std::uint64_t raw : {0u, 1u, 100'000u, 1u << 20, 200u << 20, ~0u}) {
+            for (const auto compression : {Compression::kStored, Compression::kZstd, Compression::kCoded}) {
+              const Taken taken = take_whole(with_manifest(good, [&](Manifest& m) {
+                TileEntry& tile = m.chunks[c].tiles[t];
+                if (tile.raw_bytes == raw) return;
+                tile.raw_bytes = static_cast<std::uint32_t>(raw);
+                tile.compression = compression;
+              }));
+              EXPECT_LE(taken.bytes, 2 * honest + 100'000)
+                  << "chunk " << c << " tile " << t << " of " << raw << " bytes";
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(AssetHostile, LyingZstdFramesTakeNoMemory) {
+  const EncodedAsset good = sample(true);
+  const auto manifest = read_manifest(good.manifest.bytes);
+  ASSERT_EQ(manifest->chunks[0].tiles[0].compression, Compression::kZstd);
+  const std::uint64_t honest = take_whole(good).bytes;
+  const std::size_t raw = manifest->chunks[0].tiles[0].raw_bytes;
+  for (const std::size_t size : {raw - 1, raw + 1, 100 * raw, std::size_t{8} << 20}) {
+    // A frame that holds other bytes than its tile says, and that the manifest believes or not.
+    const Bytes packed = *zstd_compress(Bytes(size, 0));
+    const Taken taken = take_whole(with_tile(good, 0, 0, [&](Bytes& b) { b = packed; }));
+    EXPECT_EQ(taken.refused, ErrorCode::kCorrupt) << size;
+    EXPECT_LE(taken.bytes, 2 * honest + 100'000) << size;
+  }
+}
+
+TEST(AssetHostile, MemoryIsStatedBeforeItIsTaken) {
+  Asset flat = sample_asset(5, 64);
+  std::fill(flat.basis.begin(), flat.basis.end(), 0.0F);  // packs a thousandfold
+  const auto bomb = encode_asset(flat, {.exact_columns = 0, .first_chunk_rows = 64, .compress = true, .code = false});
+  ASSERT_TRUE(bomb) << bomb.error().message;
+  for (const EncodedAsset& encoded : {*bomb, sample(true, false, true), sample(false, true, true)}) {
+    const Taken taken = take_whole(encoded);
+    EXPECT_FALSE(taken.refused);
+    EXPECT_GT(taken.bytes, 0u);
+    EXPECT_LE(taken.bytes, taken.stated);
+  }
+  // Beyond what a reader takes: what rebuilds and draws it.
+  EXPECT_GE(take_whole(*bomb).stated, 3 * flat.basis.size() * sizeof(float));
+  EXPECT_LE(take_whole(*bomb).stated, 8 * flat.basis.size() * sizeof(float));
 }
 
 TEST(AssetHostile, RepeatedSourceVertexIsRefused) {

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <stdexcept>
 
+#include "common/asset/format/reader.h"
 #include "common/codec/chain.h"
 #include "common/wire/control.h"
 #include "tests/unit/sdk/ball_stream.h"
@@ -87,6 +88,39 @@ std::vector<ReceivedPose> exchange_lowest(RawSender& sender, Subscriber& subscri
       },
       most);
   return all;
+}
+
+TEST(Stream, SurfaceOverTheBudgetIsRefused) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  const auto& encoded = *model(40).encoded;
+  const auto reader = AssetReader::from_manifest(encoded.manifest.id, encoded.manifest.bytes);
+  ASSERT_TRUE(reader);
+  const std::uint64_t needed = reader->memory_bytes();
+  MemoryBudget memory(2 * needed - 1);
+  const auto watch = [&] {
+    SubscriberOptions options;
+    options.url = broker.url("live/ball");
+    options.memory = &memory;
+    auto made = Subscriber::create(std::move(options));
+    EXPECT_TRUE(made) << made.error().message;
+    return std::move(*made);
+  };
+  const auto reaches = [](Subscriber& subscriber, Subscriber::State state) {
+    return eventually([&] { return (void)subscriber.poll(milliseconds(10)), subscriber.stats().state == state; });
+  };
+  auto first = watch();
+  ASSERT_TRUE(reaches(*first, Subscriber::State::kLive)) << first->stats().detail;
+  EXPECT_EQ(memory.left(), needed - 1);
+  // All that share the budget count.
+  const auto second = watch();
+  EXPECT_TRUE(reaches(*second, Subscriber::State::kRefused)) << second->stats().detail;
+  EXPECT_EQ(second->asset(), nullptr);
+  first.reset();
+  EXPECT_EQ(memory.left(), 2 * needed - 1);
+  const auto third = watch();
+  EXPECT_TRUE(reaches(*third, Subscriber::State::kLive)) << third->stats().detail;
 }
 
 TEST(Stream, PosesOfAnotherFormatRefuseTheStream) {

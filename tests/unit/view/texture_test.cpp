@@ -9,6 +9,7 @@
 #include <iterator>
 #include <thread>
 
+#include "common/core/memory_budget.h"
 #include "tests/support/process.h"
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
@@ -199,6 +200,28 @@ TEST(Images, PngAndJpegAreDecodedOthersRefused) {
   huge[header + 5] = huge[header + 7] = 0x3f;
   huge[header + 6] = huge[header + 8] = 0xff;
   EXPECT_EQ(read_jpeg_bytes(huge, "huge").error().code, ErrorCode::kTooLarge);
+}
+
+TEST(Images, TakeNoMoreThanTheBudget) {
+  const auto textured = [] {
+    AssetTexture t;
+    t.image = red_and_blue();
+    return std::make_shared<const AssetTexture>(std::move(t));
+  };
+  const auto first = textured(), second = textured(), third = textured();
+  const std::uint64_t before = received_memory().left();
+  auto picture = image_of(first, Decode::kNow).picture;
+  ASSERT_TRUE(picture);
+  const std::uint64_t taken = before - received_memory().left();
+  EXPECT_GE(taken, picture->rgb.size());
+  picture.reset();
+  EXPECT_EQ(received_memory().left(), before);
+  received_memory().set_limit(taken / 2);
+  const auto refused = image_of(second, Decode::kNow).failed;
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->code, ErrorCode::kTooLarge);
+  received_memory().set_limit(before);
+  EXPECT_TRUE(image_of(third, Decode::kNow).picture);
 }
 
 TEST(Images, AreHalvedUntilTheGpuTakesThem) {
