@@ -180,7 +180,7 @@ class AddOn(unittest.TestCase):
     def test_a_missing_program_is_reported_and_nothing_runs(self):
         self.scene.eigencast.program = "no-such-program"
         self.assertEqual(self.operate(self.addon.EIGENCAST_OT_start), {"CANCELLED"})
-        self.assertIn("not installed", self.reports[0])
+        self.assertIn("no-such-program", self.reports[0])
         self.assertIsNone(self.addon.session.stream)
 
     def test_stop_and_unregister_leave_nothing_behind(self):
