@@ -194,7 +194,8 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
   return {
       {"streams",
        &options.scene.streams,
-       "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well), or streams at the context's broker; "
+       "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well; ws://a,b/stream: the brokers a and "
+       "b of a cluster in turn), or streams at the context's broker; "
        "or, after the word view, files, folders, globs or built-in shapes, which are baked and played here without a "
        "broker",
        {},

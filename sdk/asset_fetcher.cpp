@@ -173,15 +173,32 @@ class AssetFetcher::Worker {
   std::thread thread_;
 };
 
-AssetFetcher::AssetFetcher(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log)
-    : cache_(std::move(cache_dir)), wake_(std::move(wake)), log_(std::move(log)) {
-  static SharedByBroker<Worker> workers;
-  worker_ = workers.get(url, [](Worker&) { return true; });
-  const std::lock_guard lock(worker_->mutex_);
-  worker_->fetchers_.push_back(this);
-}
+AssetFetcher::AssetFetcher(std::string cache_dir, std::function<void()> wake, LogSink log)
+    : cache_(std::move(cache_dir)), wake_(std::move(wake)), log_(std::move(log)) {}
 
 AssetFetcher::~AssetFetcher() {
+  leave();
+}
+
+void AssetFetcher::use(const BrokerUrl& broker) {
+  static SharedByBroker<Worker> workers;
+  auto worker = workers.get(broker, [](Worker&) { return true; });
+  if (worker == worker_) return;
+  const std::uint64_t order = order_;
+  leave();
+  worker_ = std::move(worker);
+  std::unique_lock lock(worker_->mutex_);
+  order_ = order;  // What has come of an object is kept.
+  failures_ = 0;
+  next_try_us_ = 0;
+  worker_->fetchers_.push_back(this);
+  lock.unlock();
+  worker_->changed_.notify_all();
+}
+
+/// Afterwards no thread of a worker uses this.
+void AssetFetcher::leave() {
+  if (!worker_) return;
   std::unique_lock lock(worker_->mutex_);
   worker_->fetchers_.remove(this);
   worker_->cancel(*this);
@@ -205,6 +222,7 @@ void AssetFetcher::ask(std::vector<Object> objects) {
 }
 
 std::optional<Bytes> AssetFetcher::take() {
+  if (!worker_) return std::nullopt;
   std::unique_lock lock(worker_->mutex_);
   if (ready_.empty()) return std::nullopt;
   Bytes bytes = std::move(ready_.front());
@@ -215,6 +233,7 @@ std::optional<Bytes> AssetFetcher::take() {
 }
 
 AssetFetcher::Stats AssetFetcher::stats() const {
+  if (!worker_) return {};
   const std::lock_guard lock(worker_->mutex_);
   return stats_;
 }

@@ -18,7 +18,7 @@
 
 namespace eigencast {
 
-/// Fetches objects one after the other: from the cache, else from the broker, verified by hash. A broken download goes
+/// Fetches objects one after the other: from the cache, else from a broker, verified by hash. A broken download goes
 /// on where it stopped, until it succeeds or others are asked for. All fetchers of a broker with the same credentials
 /// share a thread and a connection. Use from one thread; wake and log are called on the shared one.
 class AssetFetcher final {
@@ -33,12 +33,14 @@ class AssetFetcher final {
   };
 
   /// `wake` is called whenever take() or stats() has news.
-  AssetFetcher(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log = {});
+  AssetFetcher(std::string cache_dir, std::function<void()> wake, LogSink log = {});
   ~AssetFetcher();  ///< Cancels what is under way.
   AssetFetcher(const AssetFetcher&) = delete;
   AssetFetcher& operator=(const AssetFetcher&) = delete;
 
-  /// Fetches these from now on, in this order; what was asked for before is forgotten.
+  /// Goes on at this broker, if it is another one, with what is wanted.
+  void use(const BrokerUrl& broker);
+  /// REQUIRES: use() was called. Fetches these from now on, in this order; what was asked for before is forgotten.
   void ask(std::vector<Object> objects);
   /// The next object. At most two are kept ready: nothing is fetched ahead of a slow caller.
   std::optional<Bytes> take();
@@ -46,12 +48,13 @@ class AssetFetcher final {
 
  private:
   class Worker;
+  void leave();
   bool is_waiting() const;
 
   const AssetCache cache_;
   const std::function<void()> wake_;
   const LogSink log_;
-  std::shared_ptr<Worker> worker_;
+  std::shared_ptr<Worker> worker_;  ///< Null before use().
 
   // GUARDED_BY(Worker::mutex_):
   std::uint64_t order_ = 0;  ///< Grows with each ask().

@@ -63,13 +63,14 @@ Result<void> upload(HttpConnection& http, const EncodedAsset& encoded, const Pro
 
 }  // namespace
 
-AssetUploader::AssetUploader(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events)
-    : url_(std::move(url)), encoded_(std::move(encoded)), events_(std::move(events)) {
+AssetUploader::AssetUploader(std::shared_ptr<const EncodedAsset> encoded, Events events)
+    : encoded_(std::move(encoded)), events_(std::move(events)) {
   thread_ = std::thread([this] { guarded_run([this] { run(); }, events_.on_exception); });
 }
 
-void AssetUploader::begin(std::chrono::milliseconds after) {
+void AssetUploader::begin(const BrokerUrl& url, std::chrono::milliseconds after) {
   std::unique_lock lock(mutex_);
+  url_ = url;
   due_ = std::chrono::steady_clock::now() + after;
   ++orders_;
   lock.unlock();

@@ -18,7 +18,7 @@
 
 namespace eigencast {
 
-/// Uploads a publisher's asset to the broker each time that begin() is called. Its events are called on a thread of its
+/// Uploads a publisher's asset to a broker each time that begin() is called. Its events are called on a thread of its
 /// own, with no lock held. Thread-safe.
 class AssetUploader {
  public:
@@ -30,25 +30,25 @@ class AssetUploader {
     std::function<void(const std::string& what)> on_exception;
   };
 
-  AssetUploader(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events);
+  AssetUploader(std::shared_ptr<const EncodedAsset> encoded, Events events);
   ~AssetUploader() { stop(); }
   AssetUploader(const AssetUploader&) = delete;
   AssetUploader& operator=(const AssetUploader&) = delete;
 
-  void begin(std::chrono::milliseconds after);
+  void begin(const BrokerUrl& url, std::chrono::milliseconds after);
   void cancel();
   void stop();
 
  private:
   void run();
 
-  const BrokerUrl url_;
   const std::shared_ptr<const EncodedAsset> encoded_;
   const Events events_;
 
   std::mutex mutex_;
   std::condition_variable changed_;
   // GUARDED_BY(mutex_), all that follows.
+  BrokerUrl url_;
   std::optional<std::chrono::steady_clock::time_point> due_;  ///< When to upload next.
   std::uint64_t orders_ = 0;                                  ///< Calls of begin() and cancel().
   std::shared_ptr<HttpConnection> http_;                      ///< While uploading.

@@ -41,7 +41,7 @@ bool BrokerConnection::try_join(Request& request, Listener& listener) {
     options.tick = kTick;
     WebSocketEvents events;
     events.on_try = [this] { return next_target(); };
-    events.on_open = [this] { on_open(); };
+    events.on_open = [this](const BrokerUrl& broker) { on_open(broker); };
     events.on_tick = [this] { on_tick(); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_binary = [this](ByteView bytes) { on_binary(bytes); };
@@ -49,7 +49,7 @@ bool BrokerConnection::try_join(Request& request, Listener& listener) {
     socket_ = WebSocket::start(std::move(options), std::move(events),
                                [this](LogLevel level, std::string_view text) { log(level, text); });
   } else if (open_) {
-    listener.on_open();
+    listener.on_open(at_);
     if (const auto clock = clock_.estimate()) listener.on_clock(*clock);
     subscribe(stream);
   } else {
@@ -79,8 +79,9 @@ std::string BrokerConnection::next_target() {
   return "/v1/subscribe/" + only.stream + "?" + query_from_profile(only.profile);
 }
 
-void BrokerConnection::on_open() {
+void BrokerConnection::on_open(const BrokerUrl& broker) {
   const std::lock_guard lock(mutex_);
+  at_ = broker;
   open_ = true;
   crowded_ = false;
   down_.reset();
@@ -91,7 +92,7 @@ void BrokerConnection::on_open() {
     stream.id.reset();
     stream.ack.reset();
     stream.ask_again_at_us.reset();
-    stream.listener->on_open();
+    stream.listener->on_open(at_);
     if (stream.name() != url_stream_) subscribe(stream);
   }
 }

@@ -21,11 +21,11 @@
 
 namespace eigencast {
 
-/// One connection to a broker (one socket, one thread), shared by all streams that are watched there with the same
-/// credentials. It reconnects by itself and then subscribes to all again, and asks again for streams that the broker
-/// declined. A connection of one stream names it in its URL, which saves a round trip; one of several never does, so
-/// that a refused stream does not refuse the others. A second subscriber to a stream gets another connection.
-/// Thread-safe.
+/// One connection to a broker, the one of the URL's that is there (one socket, one thread), shared by all streams that
+/// are watched there with the same credentials. It reconnects by itself and then subscribes to all again, and asks
+/// again for streams that the broker declined. A connection of one stream names it in its URL, which saves a round
+/// trip; one of several never does, so that a refused stream does not refuse the others. A second subscriber to a
+/// stream gets another connection. Thread-safe.
 class BrokerConnection final {
  public:
   /// Called on the connection's thread, one call at a time; on_open() and on_down() also within join(). No call may
@@ -33,7 +33,7 @@ class BrokerConnection final {
   class Listener {
    public:
     virtual ~Listener() = default;
-    virtual void on_open() = 0;
+    virtual void on_open(const BrokerUrl& broker) = 0;
     /// wait  until the next try; 0: none
     virtual void on_down(const Error& why, std::chrono::milliseconds wait) = 0;
     virtual void on_info(const control::StreamInfo& info) = 0;
@@ -77,7 +77,7 @@ class BrokerConnection final {
 
   bool try_join(Request& request, Listener& listener);
   std::string next_target();
-  void on_open();
+  void on_open(const BrokerUrl& broker);
   void on_down(const Error& why, std::chrono::milliseconds wait);
   void on_text(std::string_view text);
   void on_binary(ByteView bytes);
@@ -107,6 +107,7 @@ class BrokerConnection final {
   std::list<Stream> streams_;  ///< Oldest first.
   std::string url_stream_;     ///< Whom the present connection's URL names; empty: nobody.
   bool open_ = false;
+  BrokerUrl at_;          ///< The broker that it is or was connected to.
   bool crowded_ = false;  ///< The broker allows no more streams.
   std::optional<std::pair<Error, std::chrono::milliseconds>> down_;
   ClockOffset clock_;

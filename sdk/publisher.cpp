@@ -59,7 +59,7 @@ class BrokerPublisher final : public Publisher {
     // Room for one frame of the largest size beyond the bound that send_coefficients() keeps.
     socket.max_unsent_bytes = options_.max_unsent_bytes + (std::size_t{1} << 20);
     WebSocketEvents events;
-    events.on_open = [this] { on_open(); };
+    events.on_open = [this](const BrokerUrl& broker) { on_open(broker); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
     AssetUploader::Events upload;
@@ -67,7 +67,7 @@ class BrokerPublisher final : public Publisher {
     upload.on_done = [this](const Result<void>& done) { return on_uploaded(done); };
     upload.on_exception = [this](const std::string& what) { upload_failed(what); };
     const std::lock_guard lock(mutex_);
-    asset_uploader_ = std::make_unique<AssetUploader>(url_, encoded_, std::move(upload));
+    asset_uploader_ = std::make_unique<AssetUploader>(encoded_, std::move(upload));
     socket_ = WebSocket::start(std::move(socket), std::move(events), log_);
   }
 
@@ -224,7 +224,7 @@ class BrokerPublisher final : public Publisher {
 
   // Runs on the connection's thread.
 
-  void on_open() {
+  void on_open(const BrokerUrl& broker) {
     const std::lock_guard lock(mutex_);
     trace_every_ = 0;
     clock_.reset();  // It may be another broker.
@@ -232,8 +232,9 @@ class BrokerPublisher final : public Publisher {
     ever_open_ = true;
     phase_ = Phase::kUpload;
     stats_.state = State::kUploading;
-    stats_.detail = "connected to " + url_.origin();
-    asset_uploader_->begin(milliseconds(0));
+    at_ = broker;
+    stats_.detail = "connected to " + at_.origin();
+    asset_uploader_->begin(at_, milliseconds(0));
   }
 
   void on_down(const Error& why, milliseconds wait) {
@@ -263,9 +264,9 @@ class BrokerPublisher final : public Publisher {
     writer_.begin(m.stream_id, m.epoch);
     if (still_) still_->restart();
     stats_.state = State::kLive;
-    stats_.detail = "live at " + url_.origin() + "/" + url_.stream;
+    const std::string live = stats_.detail = "live at " + at_.origin() + "/" + url_.stream;
     lock.unlock();
-    log(log_, LogLevel::kInfo, "live at " + url_.origin() + "/" + url_.stream + ", epoch " + std::to_string(m.epoch));
+    log(log_, LogLevel::kInfo, live + ", epoch " + std::to_string(m.epoch));
   }
 
   void on_message(const control::Subscribers& m) {
@@ -297,7 +298,7 @@ class BrokerPublisher final : public Publisher {
       writer_.restart();
       phase_ = Phase::kUpload;
       stats_.state = lacks_asset ? State::kUploading : State::kRefused;
-      asset_uploader_->begin(lacks_asset ? kUploadRetry : kRefusedRetry);
+      asset_uploader_->begin(at_, lacks_asset ? kUploadRetry : kRefusedRetry);
     }
     lock.unlock();
     log(log_, LogLevel::kError, text);
@@ -347,7 +348,7 @@ class BrokerPublisher final : public Publisher {
     std::unique_lock lock(mutex_);
     if (phase_ == Phase::kAnnounced) phase_ = Phase::kUpload;
     stats_.detail = what + try_again_in(kUploadRetry);
-    if (phase_ == Phase::kUpload) asset_uploader_->begin(kUploadRetry);
+    if (phase_ == Phase::kUpload) asset_uploader_->begin(at_, kUploadRetry);
     lock.unlock();
     log(log_, LogLevel::kError, what);
   }
@@ -366,6 +367,7 @@ class BrokerPublisher final : public Publisher {
   std::unique_ptr<WebSocket> socket_;              ///< Set once by start().
   std::unique_ptr<AssetUploader> asset_uploader_;  ///< Likewise.
   Phase phase_ = Phase::kDown;
+  BrokerUrl at_;  ///< The broker that it is or was connected to.
   bool ever_open_ = false;
   KeyWriter writer_;
   std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.

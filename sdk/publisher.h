@@ -23,7 +23,7 @@ namespace eigencast {
 inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
 
 struct PublisherOptions {
-  std::string url;  ///< ws://host:port/stream
+  std::string url;  ///< ws://host:port/stream, or with several brokers: see common/net/url.h
   CodecKind codec = CodecKind::kQuantised;
   double error = 0;  ///< eps: rms vertex error of quantising, in model units; 0 = the default.
   /// Bits a second that frames, envelopes included, keep to on average, by coarser levels, then fewer bands; 0:
@@ -59,8 +59,8 @@ struct VertexPose {
 };
 
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it,
-/// codes and sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never
-/// queued; send() never blocks. Use from one thread; different Publishers are independent.
+/// codes and sends keys, and does all of that again after a lost connection, at the URL's next broker. Frames sent
+/// meanwhile are dropped, never queued; send() never blocks. Use from one thread; different Publishers are independent.
 class Publisher {
  public:
   enum class State { kConnecting, kUploading, kLive, kRefused };

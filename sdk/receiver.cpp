@@ -54,8 +54,9 @@ Receiver::Condition Receiver::condition() const {
   return condition;
 }
 
-void Receiver::on_open() {
+void Receiver::on_open(const BrokerUrl& broker) {
   std::unique_lock lock(mutex_);
+  news_.broker = broker;
   if (condition_.ever_open) ++condition_.reconnects;
   condition_.open = condition_.ever_open = true;
   condition_.refused = condition_.declined = false;

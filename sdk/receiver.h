@@ -29,6 +29,7 @@ namespace eigencast {
 class Receiver final : private BrokerConnection::Listener {
  public:
   struct News {
+    std::optional<BrokerUrl> broker;          ///< Set when one was reached since the last take.
     std::deque<ReceivedPose> poses;           ///< At most 64, newest kept; absent bands are zero yet.
     std::optional<control::StreamInfo> info;  ///< Set when it changed since the last take.
     bool declined = false;                    ///< The subscription was refused since then; no info came after it.
@@ -55,7 +56,7 @@ class Receiver final : private BrokerConnection::Listener {
   Condition condition() const;
 
  private:
-  void on_open() override;
+  void on_open(const BrokerUrl& broker) override;
   void on_down(const Error& why, std::chrono::milliseconds wait) override;
   void on_info(const control::StreamInfo& info) override;
   void on_trace(const control::Trace& trace) override;

@@ -22,7 +22,7 @@ class BrokerSubscriber final : public Subscriber {
                    MemoryBudget& memory)
       : url_(url),
         surfaces_(
-            url, std::move(cache_dir), [this] { wake(); }, request.log, memory),
+            std::move(cache_dir), [this] { wake(); }, request.log, memory),
         receiver_(url, request, [this] { wake(); }) {}
 
   std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
@@ -34,6 +34,7 @@ class BrokerSubscriber final : public Subscriber {
       has_news_ = false;
     }
     Receiver::News news = receiver_.take();
+    if (news.broker) surfaces_.use(*news.broker);
     if (news.declined) info_.reset();
     if (news.info) {
       info_ = std::move(*news.info);

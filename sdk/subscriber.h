@@ -22,7 +22,7 @@
 namespace eigencast {
 
 struct SubscriberOptions {
-  std::string url;                 ///< ws://host:port/stream[?rate=...]
+  std::string url;                 ///< ws://host:port/stream[?rate=...]; several brokers: see common/net/url.h
   std::optional<Profile> profile;  ///< Overrides the URL's query.
   std::string cache_dir;           ///< Where downloaded chunks are kept; empty: nowhere.
   std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.

@@ -8,9 +8,8 @@
 
 namespace eigencast {
 
-Surfaces::Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log,
-                   MemoryBudget& memory)
-    : log_(log), memory_(memory), fetcher_(url, std::move(cache_dir), std::move(wake), std::move(log)) {}
+Surfaces::Surfaces(std::string cache_dir, std::function<void()> wake, LogSink log, MemoryBudget& memory)
+    : log_(log), memory_(memory), fetcher_(std::move(cache_dir), std::move(wake), std::move(log)) {}
 
 bool Surfaces::announce(const control::StreamInfo& info) {
   if (info.state == control::StreamInfo::State::kWaiting || info.asset.empty()) return false;

@@ -24,8 +24,10 @@ class Surfaces {
  public:
   /// wake  is called on the fetcher's thread
   /// memory  bounds what the surfaces may take; it outlives them
-  Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log, MemoryBudget& memory);
+  Surfaces(std::string cache_dir, std::function<void()> wake, LogSink log, MemoryBudget& memory);
 
+  /// Downloads come from this broker from now on. REQUIRES: called before announce().
+  void use(const BrokerUrl& broker) { fetcher_.use(broker); }
   /// True: another surface than before is on its way from now on, or none any more.
   bool announce(const control::StreamInfo& info);
   /// Takes at most one, so that no call takes long. True: there may be another one ready.

@@ -71,8 +71,12 @@ ExitCode check_target(const TargetOptions& target, bool velocities) {
     spdlog::error("{}", url.error().message);
     return kExitUsage;
   }
-  const auto let_in = probe(*url, "/v1/publish/" + url->stream, kProbeTimeout);
-  if (let_in) return kExitOk;
+  Result<void> let_in;
+  for (std::size_t i = 0; i < url->brokers(); ++i) {
+    auto tried = probe(url->at(i), "/v1/publish/" + url->stream, kProbeTimeout);
+    if (tried) return kExitOk;
+    if (let_in || let_in.error().code != ErrorCode::kRefused) let_in = std::move(tried);
+  }
   if (let_in.error().code == ErrorCode::kRefused) {
     spdlog::error("{}", let_in.error().message);
     return kExitUnreachable;

@@ -40,8 +40,8 @@ struct Sink {
 
 class HttpConnection::Impl {
  public:
-  Impl(BrokerUrl url, std::chrono::milliseconds timeout)
-      : url_(std::move(url)), timeout_(timeout), where_(url_.origin()) {}
+  Impl(const BrokerUrl& url, std::chrono::milliseconds timeout)
+      : url_(url.at(0)), timeout_(timeout), where_(url_.origin()) {}
 
   Result<HttpResponse> exchange(Request& request, const Sink& wanted = {}) {
     if (url_.tls && !tls_) {
@@ -98,7 +98,8 @@ class HttpConnection::Impl {
     buffer_.clear();
     error_code ec;
     // On this thread: an asynchronous lookup would take one of its own, and could not be broken off either.
-    const auto endpoints = tcp::resolver(io_).resolve(url_.host, std::to_string(url_.port), ec);
+    const std::string& host = url_.address.empty() ? url_.host : url_.address;
+    const auto endpoints = tcp::resolver(io_).resolve(host, std::to_string(url_.port), ec);
     if (ec) return give_up(fail(ErrorCode::kUnreachable, "host \"" + url_.host + "\" is not known: " + ec.message()));
     tcp().expires_after(timeout_);
     tcp().async_connect(endpoints, [&](error_code why, const tcp::endpoint&) { ec = why; });
@@ -196,8 +197,8 @@ class HttpConnection::Impl {
   beast::flat_buffer buffer_{kPieceBytes * 2};
 };
 
-HttpConnection::HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout)
-    : impl_(std::make_unique<Impl>(std::move(url), timeout)) {}
+HttpConnection::HttpConnection(const BrokerUrl& url, std::chrono::milliseconds timeout)
+    : impl_(std::make_unique<Impl>(url, timeout)) {}
 HttpConnection::~HttpConnection() = default;
 
 Result<HttpResponse> HttpConnection::get(const std::string& target, std::uint64_t max_bytes) {

@@ -20,11 +20,12 @@ struct HttpResponse {
   Bytes body;
 };
 
-/// A blocking HTTP/1.1 connection to a broker, kept alive between requests and made anew when it broke. Not
-/// thread-safe; cancel() alone may come from another thread: the running call and all later ones return kCancelled.
+/// A blocking HTTP/1.1 connection to a broker, the URL's first, kept alive between requests and made anew when it
+/// broke. Not thread-safe; cancel() alone may come from another thread: the running call and all later ones return
+/// kCancelled.
 class HttpConnection {
  public:
-  explicit HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout = std::chrono::seconds(10));
+  explicit HttpConnection(const BrokerUrl& url, std::chrono::milliseconds timeout = std::chrono::seconds(10));
   ~HttpConnection();
 
   /// `timeout` is for silence, not for the whole transfer, nor for a name lookup, which the system's resolver bounds.

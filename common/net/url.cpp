@@ -5,6 +5,7 @@
 #include <cctype>
 #include <charconv>
 #include <cstdlib>
+#include <tuple>
 #include <utility>
 
 #include "common/core/files.h"
@@ -17,6 +18,7 @@ namespace {
 
 constexpr std::size_t kMaxUrlBytes = 12 * 1024;  // A token may be part of it.
 constexpr std::size_t kMaxTokenBytes = 8 * 1024;
+constexpr std::size_t kMaxBrokers = 16;
 
 Error bad_url(std::string_view text, std::string_view why) {
   return fail(ErrorCode::kInvalidArgument, "\"" + std::string(text.substr(0, 200)) + "\" is not a broker's URL: " +
@@ -48,24 +50,23 @@ bool take_scheme(std::string_view& rest, bool& tls) {
 }
 
 /// Splits "host:port" or "[v6]:port". Returns what is wrong, or nothing.
-std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
-  if (authority.find('@') != std::string_view::npos) return "it must not contain a user name or password";
+std::string_view take_broker(std::string_view authority, std::string& host, std::uint16_t& number_of_port) {
   std::string_view port;
   const bool ipv6 = authority.starts_with('[');
   if (ipv6) {
     const std::size_t close = authority.find(']');
     if (close == std::string_view::npos) return "a ']' is missing after the IPv6 address";
-    url.host = authority.substr(1, close - 1);
+    host = authority.substr(1, close - 1);
     port = authority.substr(close + 1);
     if (!port.empty() && port.front() != ':') return "only a port may follow ']'";
   } else {
     const std::size_t colon = std::min(authority.find(':'), authority.size());
-    url.host = authority.substr(0, colon);
+    host = authority.substr(0, colon);
     port = authority.substr(colon);
   }
   if (port == ":") return "the port is missing after ':'";
-  if (url.host.empty()) return "the host is missing";
-  if (!std::all_of(url.host.begin(), url.host.end(), [&](char c) { return is_host_character(c, ipv6); }))
+  if (host.empty()) return "the host is missing";
+  if (!std::all_of(host.begin(), host.end(), [&](char c) { return is_host_character(c, ipv6); }))
     return "the host contains a character that no host has";
   if (!port.empty()) {
     port.remove_prefix(1);
@@ -73,9 +74,29 @@ std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
     const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
     if (error != std::errc() || end != port.data() + port.size() || number < 1 || number > 65535)
       return "the port must be a number from 1 to 65535";
-    url.port = static_cast<std::uint16_t>(number);
+    number_of_port = static_cast<std::uint16_t>(number);
   }
   return {};
+}
+
+/// Splits what stands between commas. Returns what is wrong, or nothing.
+std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
+  if (authority.find('@') != std::string_view::npos) return "it must not contain a user name or password";
+  const std::size_t end = std::min(authority.find(','), authority.size());
+  std::string_view why = take_broker(authority.substr(0, end), url.host, url.port);
+  for (std::size_t comma = end; why.empty() && comma < authority.size();) {
+    authority.remove_prefix(comma + 1);
+    comma = std::min(authority.find(','), authority.size());
+    if (url.brokers() == kMaxBrokers) return "it names more than 16 brokers";
+    auto& [host, port] = url.others.emplace_back("", BrokerUrl{}.port);
+    why = take_broker(authority.substr(0, comma), host, port);
+  }
+  return why;
+}
+
+std::string authority_of(const std::string& host, std::uint16_t port) {
+  const bool ipv6 = host.find(':') != std::string::npos;
+  return (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
 }
 
 /// Splits the token off, so that it is never shown with the query.
@@ -117,13 +138,25 @@ Result<std::string> token_from(const std::string& given) {
 
 }  // namespace
 
+BrokerUrl BrokerUrl::at(std::size_t index) const {
+  BrokerUrl one = *this;
+  if (index > 0) std::tie(one.host, one.port) = others[index - 1];
+  one.others.clear();
+  return one;
+}
+
 std::string BrokerUrl::authority() const {
-  const bool ipv6 = host.find(':') != std::string::npos;
-  return (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
+  return authority_of(host, port);
+}
+
+std::string BrokerUrl::origin() const {
+  std::string all = (tls ? "wss://" : "ws://") + authority();
+  for (const auto& [other, its_port] : others) all += "," + authority_of(other, its_port);
+  return all;
 }
 
 bool is_same_broker(const BrokerUrl& a, const BrokerUrl& b) {
-  return a.origin() == b.origin() && a.prefix == b.prefix && a.credentials == b.credentials;
+  return a.origin() == b.origin() && a.address == b.address && a.prefix == b.prefix && a.credentials == b.credentials;
 }
 
 Result<BrokerUrl> parse_broker_url(std::string_view text) {

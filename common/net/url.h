@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "common/core/log.h"
 #include "common/core/result.h"
@@ -22,18 +24,24 @@ struct Credentials {
 
 /// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw. http:// is taken for
 /// ws:// and https:// for wss://, since one port serves both and people copy either; the port is 7490 for all four
-/// unless it is stated.
+/// unless it is stated. ws://a,b:7491/stream names several brokers of one cluster, as URLs of PostgreSQL and MongoDB
+/// do: all else, credentials included, is the same for each.
 struct BrokerUrl {
   bool tls = false;  ///< wss:// or https://
-  std::string host;  ///< Name or address; IPv6 without its brackets.
+  std::string host;  ///< Name or address; IPv6 without its brackets. Of the first broker, as is the port.
   std::uint16_t port = 7490;
-  std::string stream;  ///< Without a leading '/', and without "/v1/subscribe/" or "/v1/publish/". May be empty.
-  std::string query;   ///< Without '?', and without access_token.
-  std::string prefix;  ///< The path before /v1: "/eigencast", for a broker behind a proxy. Empty as a rule.
+  std::vector<std::pair<std::string, std::uint16_t>> others;  ///< Host and port of each further broker; as a rule none.
+  std::string address;  ///< Of those that the host has, the one to connect to; empty: any.
+  std::string stream;   ///< Without a leading '/', and without "/v1/subscribe/" or "/v1/publish/". May be empty.
+  std::string query;    ///< Without '?', and without access_token.
+  std::string prefix;   ///< The path before /v1: "/eigencast", for a broker behind a proxy. Empty as a rule.
   Credentials credentials;
 
-  std::string authority() const;  ///< "host:port", "[v6]:port"
-  std::string origin() const { return (tls ? "wss://" : "ws://") + authority(); }
+  std::size_t brokers() const { return 1 + others.size(); }
+  /// The same at one broker alone. REQUIRES: index < brokers()
+  BrokerUrl at(std::size_t index) const;
+  std::string authority() const;  ///< "host:port", "[v6]:port": of the first broker.
+  std::string origin() const;     ///< "ws://host:port", "ws://host:port,other:port"
   /// "ws://host:port/stream": for people, without anything secret.
   std::string shown() const { return origin() + prefix + "/" + stream; }
 };

@@ -27,6 +27,7 @@
 
 #include "common/core/clock.h"
 #include "common/net/backoff.h"
+#include "common/net/broker_order.h"
 #include "common/net/client_stream.h"
 #include "common/net/guarded_run.h"
 #include "common/net/websocket_failure.h"
@@ -46,6 +47,9 @@ constexpr beast::string_view kProtocol = "eigencast.v1";
 constexpr milliseconds kPoliteClose{500};
 /// A connection that held for so long counts as good: the next back-off starts afresh.
 constexpr TimeUs kGoodAfterUs = 2'000'000;
+/// The clients of a broker that is gone come to another spread over so long, or over the pause that it asked for.
+constexpr milliseconds kStep{50};
+constexpr std::size_t kMaxAddresses = 16;  ///< Of one name.
 /// Bytes that the kernel may hold unsent; what is more stays with us, where it is counted.
 constexpr int kKernelUnsentBytes = 32 * 1024;
 
@@ -125,9 +129,9 @@ class BeastWebSocket final : public WebSocket {
       : options_(std::move(options)),
         events_(std::move(events)),
         log_(std::move(log)),
-        where_(options_.url.origin()),
         work_(asio::make_work_guard(io_)),
-        random_(std::random_device{}()) {
+        random_(std::random_device{}()),
+        order_(options_.url.brokers()) {
     asio::post(executor_, [this] { connect(); });
     thread_ = std::thread([this] {
       run_when_woken(kPassingOn);
@@ -197,12 +201,13 @@ class BeastWebSocket final : public WebSocket {
   }
 
   using LinkPtr = std::shared_ptr<Link>;
-  using Endpoints = tcp::resolver::results_type;
   bool is_current(const LinkPtr& link) const { return link == link_ && !stopping_; }
 
   void connect() {
     if (stopping_) return;
     retry_timer_.cancel();
+    at_ = options_.url.at(order_.broker());
+    where_ = at_.origin();
     if (options_.url.tls && !tls_) {
       auto made = make_client_tls(options_.url);
       if (!made) {
@@ -211,19 +216,33 @@ class BeastWebSocket final : public WebSocket {
       }
       tls_ = std::move(*made);
     }
-    link_ = std::make_shared<Link>(executor_, tls_);
-    const LinkPtr link = link_;
-    give_up_after(options_.connect_timeout, link);
+    addresses_.clear();
+    several_ = false;
+    const LinkPtr link = new_link();
     error_code not_numeric;
-    const auto address = asio::ip::make_address(options_.url.host, not_numeric);
-    if (!not_numeric) return reach(link, Endpoints::create(tcp::endpoint(address, options_.url.port), "", ""));
-    const auto on_found = [this, link](error_code ec, const Endpoints& found) {
+    const auto address = asio::ip::make_address(at_.host, not_numeric);
+    if (!not_numeric) {
+      addresses_.emplace_back(address, at_.port);
+      return reach(link);
+    }
+    const auto on_found = [this, link](error_code ec, const tcp::resolver::results_type& found) {
       if (!is_current(link)) return;
-      const std::string why = "host \"" + options_.url.host + "\" is not known: " + ec.message();
+      const std::string why = "host \"" + at_.host + "\" is not known: " + ec.message();
       if (ec) return down(link, {fail(ErrorCode::kUnreachable, why)});
-      reach(link, found);
+      addresses_.assign(found.begin(), found.end());
+      if (addresses_.size() > kMaxAddresses) addresses_.resize(kMaxAddresses);
+      // The one that was tried last comes last.
+      const auto last = std::find(addresses_.begin(), addresses_.end(), reached_);
+      if (last != addresses_.end()) std::rotate(addresses_.begin(), last + 1, addresses_.end());
+      reach(link);
     };
-    resolver_.async_resolve(options_.url.host, std::to_string(options_.url.port), on_found);
+    resolver_.async_resolve(at_.host, std::to_string(at_.port), on_found);
+  }
+
+  LinkPtr new_link() {
+    link_ = std::make_shared<Link>(executor_, tls_);
+    give_up_after(options_.connect_timeout, link_);
+    return link_;
   }
 
   /// One timer over name lookup, connecting and upgrade.
@@ -236,22 +255,26 @@ class BeastWebSocket final : public WebSocket {
     });
   }
 
-  void reach(const LinkPtr& link, const Endpoints& endpoints) {
+  /// REQUIRES: there are addresses.
+  void reach(const LinkPtr& link) {
     link->doing = "connecting";
-    const auto on_connected = [this, link](error_code ec, const tcp::endpoint&) {
+    several_ = several_ || addresses_.size() > 1;
+    reached_ = addresses_.front();
+    addresses_.pop_front();
+    const auto on_connected = [this, link](error_code ec) {
       if (!is_current(link)) return;
       if (ec) return down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
       secure(link);
     };
-    beast::get_lowest_layer(link->socket).async_connect(endpoints, on_connected);
+    beast::get_lowest_layer(link->socket).async_connect(reached_, on_connected);
   }
 
   void secure(const LinkPtr& link) {
     tune(beast::get_lowest_layer(link->socket).socket());
     link->doing = "securing the connection; does it speak TLS?";
-    link->socket.next_layer().async_secure(options_.url, [this, link](error_code ec) {
+    link->socket.next_layer().async_secure(at_, [this, link](error_code ec) {
       if (!is_current(link)) return;
-      if (ec) return down(link, failure_of_handshake(ec, link->socket.next_layer(), options_.url));
+      if (ec) return down(link, failure_of_handshake(ec, link->socket.next_layer(), at_));
       upgrade(link);
     });
   }
@@ -276,7 +299,7 @@ class BeastWebSocket final : public WebSocket {
       }
       opened(link);
     };
-    link->socket.async_handshake(link->response, options_.url.authority(), link->target, on_upgraded);
+    link->socket.async_handshake(link->response, at_.authority(), link->target, on_upgraded);
   }
 
   void opened(const LinkPtr& link) {
@@ -290,7 +313,8 @@ class BeastWebSocket final : public WebSocket {
       ++generation_;
     }
     log(log_, LogLevel::kDebug, "connected to " + where_ + link->target);
-    if (events_.on_open) events_.on_open();
+    if (several_) at_.address = reached_.address().to_string();
+    if (events_.on_open) events_.on_open(at_);
     tick(link);
     read(link);
   }
@@ -364,17 +388,27 @@ class BeastWebSocket final : public WebSocket {
     connect_timer_.cancel();
     resolver_.cancel();
     beast::get_lowest_layer(link->socket).close();
-    if (link->opened_us > 0 && steady_now_us() - link->opened_us >= kGoodAfterUs) failures_ = 0;
-    ++failures_;
     link_.reset();
+    if (link->opened_us == 0 && !failure.refused && !addresses_.empty()) {
+      log(log_, LogLevel::kDebug,
+          failure.error.message + " (" + reached_.address().to_string() + "); the next address");
+      return reach(new_link());
+    }
+    const TimeUs now = steady_now_us();
+    const bool good = link->opened_us > 0 && now - link->opened_us >= kGoodAfterUs;
+    if (good) order_.forgive();
+    const int failures = order_.count_failure();
     const double unit = std::uniform_real_distribution<double>(0, 1)(random_);
+    const milliseconds step(std::llround(1 + unit * std::max(kStep, hold_off.value_or(kStep)).count()));
     // A refusal will not change soon: the longest interval at once.
     const bool longest = failure.refused || hold_off == milliseconds(0);
-    milliseconds wait = retry_delay(longest ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
+    milliseconds wait = retry_delay(longest ? 64 : failures, options_.first_retry, options_.longest_retry, unit);
+    if (good && several_ && !longest) wait = std::min(wait, step);
     // Clients that the broker sent away must not all come back at one moment either.
     if (failure.for_good) return report_down(failure.error, milliseconds(0));
     if (failure.min_wait > wait) wait = retry_delay(1, failure.min_wait, failure.min_wait, unit);
     if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
+    wait = order_.go_on(now, wait, step);
     connect_after(wait);  // First: the handler may throw.
     report_down(failure.error, wait);
   }
@@ -390,8 +424,8 @@ class BeastWebSocket final : public WebSocket {
   void recover(const std::string& what) {
     const std::lock_guard turn(turn_);
     if (stopping_) return;
-    if (link_) {
-      down(link_, {fail(ErrorCode::kInternal, "connection to " + where_ + " given up: " + what)});
+    if (const LinkPtr link = link_) {
+      down(link, {fail(ErrorCode::kInternal, "connection to " + where_ + " given up: " + what)});
     } else {
       connect_after(options_.longest_retry);
     }
@@ -432,7 +466,6 @@ class BeastWebSocket final : public WebSocket {
   const WebSocketOptions options_;
   const WebSocketEvents events_;
   const LogSink log_;
-  const std::string where_;
 
   /// Held by every handler, and by callers while they write; taken before mutex_.
   std::recursive_mutex turn_;
@@ -449,7 +482,12 @@ class BeastWebSocket final : public WebSocket {
   std::minstd_rand random_;
   ClientTls tls_;  ///< Made by the first try.
   LinkPtr link_;
-  int failures_ = 0;
+  BrokerOrder order_;
+  BrokerUrl at_;  ///< The broker that is tried or connected to.
+  std::string where_;
+  std::deque<tcp::endpoint> addresses_;  ///< Of its name, those that have not been tried yet.
+  tcp::endpoint reached_;                ///< The one tried last.
+  bool several_ = false;                 ///< The name has more than one.
   bool stopping_ = false;
 
   mutable std::mutex mutex_;

@@ -21,10 +21,11 @@ enum class [[nodiscard]] SendStatus{
 };
 
 struct WebSocketOptions {
-  BrokerUrl url;
+  BrokerUrl url;       ///< Its brokers are tried in turn.
   std::string target;  ///< Path and query of the upgrade, e.g. "/v1/subscribe/heart?rate=raw".
-  std::chrono::milliseconds connect_timeout{3000};  ///< Resolving, connecting and the upgrade together.
-  std::chrono::milliseconds first_retry{200};       ///< Before the first reconnect; doubles, with jitter of +-25 %.
+  /// Resolving, connecting and the upgrade together; for each further address of the host once more.
+  std::chrono::milliseconds connect_timeout{3000};
+  std::chrono::milliseconds first_retry{200};  ///< Before the first reconnect; doubles, with jitter of +-25 %.
   std::chrono::milliseconds longest_retry{5000};
   std::chrono::milliseconds silence_timeout{10000};  ///< Nothing received, pings included, for so long = dead.
   std::size_t max_unsent_bytes = 256 * 1024;         ///< kDropped above this.
@@ -36,7 +37,8 @@ struct WebSocketEvents {
   /// Before each try to connect: the target of this one. Empty: always that of the options.
   std::function<std::string()> on_try;
   std::function<void()> on_tick;
-  std::function<void()> on_open;
+  /// With the broker, and its address, that was reached.
+  std::function<void(const BrokerUrl& broker)> on_open;
   std::function<void(std::string_view)> on_text;
   std::function<void(ByteView)> on_binary;
   /// The broker was lost or not reached; the next try starts in `retry_in` (0: none, stopped or refused for good).
@@ -48,6 +50,10 @@ struct WebSocketEvents {
 /// so) it waits for the longest interval. It tries again every half a minute after a refusal that only people can put
 /// right (no right, expired token, untrusted certificate). TLS and token are those of the URL. TCP_NODELAY is set. An
 /// exception that an event's handler throws ends the connection, not the process; it is made anew.
+///
+/// Each broker of the URL has a back-off of its own: when one is lost the next is tried at once, 0 to 50 ms later, or
+/// within the pause of hold_off(). So is the next address of a name that has several, once a connection held for two
+/// seconds; addresses that do not answer are passed over without an event.
 ///
 /// Runs one thread. send_* and stop() are safe from any thread; what is sent is written on the caller's where the
 /// connection is idle, without ever waiting for the socket.

@@ -236,7 +236,7 @@ class Prober {
     options.url = url;
     options.target = "/v1/subscribe";
     WebSocketEvents events;
-    events.on_open = [this] { note([this] { open_ = true; }); };
+    events.on_open = [this](const BrokerUrl&) { note([this] { open_ = true; }); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_down = [this](const Error& why, std::chrono::milliseconds) {
       note([&] {

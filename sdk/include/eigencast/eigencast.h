@@ -174,7 +174,8 @@ typedef struct ec_publisher_stats {
 } ec_publisher_stats;
 
 /**
- * Starts connecting to ws://host:port/stream in the background and returns at once.
+ * Starts connecting to ws://host:port/stream in the background and returns at once. ws://a:7490,b:7490/stream names
+ * several brokers of a cluster: when one is lost the next is tried at once; the token goes to each.
  * Errors: EC_INVALID_ARGUMENT (URL, stream name, options).
  */
 EC_API ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_publisher_options* options,
@@ -253,7 +254,8 @@ typedef struct ec_surface {
   size_t image_size;
 } ec_surface;
 
-/** Starts connecting to ws://host:port/stream[?rate=raw] in the background. Errors: EC_INVALID_ARGUMENT. */
+/** Starts connecting to ws://host:port/stream[?rate=raw] in the background; several brokers as for publishers.
+ * Errors: EC_INVALID_ARGUMENT. */
 EC_API ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options,
                                       ec_subscriber** subscriber);
 /**

@@ -63,6 +63,7 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   const auto shown = options({"ws://other/x?access_token=t.o.k&rate=raw"});
   EXPECT_EQ(shown.scene.streams.front(), "ws://other:7490/x?rate=raw");
   EXPECT_EQ(shown.credentials.front().token, "t.o.k");
+  EXPECT_EQ(options({"ws://a,b:1/x?access_token=t"}).scene.streams.front(), "ws://a:7490,b:1/x");
   EXPECT_EQ(std::get<ExitNow>(parsed({"--context", "none"})).code, kExitUsage);
   // A token is for one broker: the first, or the context's that is named.
   const auto tokens = [&](std::vector<const char*> arguments) {

@@ -52,8 +52,35 @@ INSTANTIATE_TEST_SUITE_P(
         Good{"ws://h?rate=raw", false, "h", 7490, "", "rate=raw", "ws://h:7490"},
         Good{"ws://h:65535/a", false, "h", 65535, "a", "", "ws://h:65535"}));
 
+TEST(Url, SeveralBrokersShareAllButHostAndPort) {
+  const auto url = parse_broker_url("wss://a,[::1]:7000,c:81/live/x?rate=raw&access_token=t");
+  ASSERT_TRUE(url) << url.error().message;
+  EXPECT_EQ(url->origin(), "wss://a:7490,[::1]:7000,c:81");
+  EXPECT_EQ(url->shown(), "wss://a:7490,[::1]:7000,c:81/live/x");
+  ASSERT_EQ(url->brokers(), 3u);
+  const char* const origins[] = {"wss://a:7490", "wss://[::1]:7000", "wss://c:81"};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const BrokerUrl one = url->at(i);
+    EXPECT_EQ(one.origin(), origins[i]);
+    EXPECT_EQ(one.brokers(), 1u);
+    EXPECT_EQ(one.stream, "live/x");
+    EXPECT_EQ(one.query, "rate=raw");
+    EXPECT_EQ(one.credentials.token, "t");
+    EXPECT_FALSE(is_same_broker(one, *url));
+  }
+}
+
 TEST(Url, InvalidUrlsAreRefused) {
   for (const char* url : {"",
+                          "ws://a,/x",
+                          "ws://,b/x",
+                          "ws://a,,b/x",
+                          "ws://a,ws://b/x",
+                          "ws://a,me@b/x",
+                          "ws://a,b:0/x",
+                          "ws://a,b:/x",
+                          "ws://a, b/x",
+                          "ws://a,b,c,d,e,f,g,h,i,j,k,l,m,n,o,p,q/x",
                           "localhost/heart",
                           "ftp://h/a",
                           "ws:/h",

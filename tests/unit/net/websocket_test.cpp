@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "common/net/websocket.h"
 
+#include <dlfcn.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netdb.h>
+#include <sys/socket.h>
 
 #include <array>
 #include <atomic>
@@ -18,6 +21,18 @@
 
 #include "common/wire/control.h"
 #include "tests/support/loopback_broker.h"
+
+/// A name of several addresses, which no machine of a test has otherwise.
+extern "C" int getaddrinfo(const char* host, const char* service, const addrinfo* hints, addrinfo** found) {
+  static const auto real = reinterpret_cast<decltype(&::getaddrinfo)>(::dlsym(RTLD_NEXT, "getaddrinfo"));
+  if (host == nullptr || std::string_view(host) != "several.test") return real(host, service, hints, found);
+  addrinfo** end = found;
+  for (const char* address : {"127.0.0.3" /* nobody listens */, "127.0.0.1", "127.0.0.2"}) {
+    if (const int error = real(address, service, hints, end)) return error;
+    while (*end != nullptr) end = &(*end)->ai_next;
+  }
+  return 0;
+}
 
 namespace eigencast {
 namespace {
@@ -35,11 +50,16 @@ struct Log {
   std::mutex mutex;
   std::vector<std::string> texts;
   std::vector<std::pair<Error, milliseconds>> downs;
+  std::vector<BrokerUrl> reached;
   std::atomic<int> opened{0};
 
   WebSocketEvents events() {
     WebSocketEvents e;
-    e.on_open = [this] { ++opened; };
+    e.on_open = [this](const BrokerUrl& broker) {
+      const std::lock_guard lock(mutex);
+      reached.push_back(broker);
+      ++opened;
+    };
     e.on_text = [this](std::string_view text) {
       const std::lock_guard lock(mutex);
       texts.emplace_back(text);
@@ -58,6 +78,10 @@ struct Log {
   std::pair<Error, milliseconds> down(std::size_t i) {
     const std::lock_guard lock(mutex);
     return downs.at(i);
+  }
+  BrokerUrl broker(std::size_t i) {
+    const std::lock_guard lock(mutex);
+    return reached.at(i);
   }
   std::string first_text() {
     const std::lock_guard lock(mutex);
@@ -101,6 +125,42 @@ TEST(WebSocketToBroker, ReconnectsAfterARestart) {
   EXPECT_GT(log.down(1).second.count(), 0);
   broker.start();
   EXPECT_TRUE(eventually([&] { return log.opened == 2; }));
+}
+
+std::string url_of(const LoopbackBroker& a, const LoopbackBroker& b) {
+  return "ws://127.0.0.1:" + std::to_string(a.port()) + ",127.0.0.1:" + std::to_string(b.port()) + "/a";
+}
+
+TEST(WebSocketToBroker, GoesOnAtTheNextBroker) {
+  LoopbackBroker a, b;
+  Log log;
+  auto options = options_for(url_of(a, b), "/v1/subscribe/a");
+  options.longest_retry = milliseconds(40);
+  const auto socket = WebSocket::start(std::move(options), log.events());
+  const std::uint16_t order[] = {a.port(), b.port(), a.port()};
+  for (std::size_t i = 0; i < 3; ++i) {
+    ASSERT_TRUE(eventually([&] { return log.opened == static_cast<int>(i + 1); }));
+    ASSERT_EQ(log.broker(i).port, order[i]);
+    EXPECT_EQ(log.broker(i).brokers(), 1u);
+    (i % 2 == 0 ? b : a).start();
+    (i % 2 == 0 ? a : b).stop();
+  }
+}
+
+TEST(WebSocketToBroker, BrokerOfAListIsNotWaitedFor) {
+  LoopbackBroker a, b;
+  Log log;
+  auto options = options_for(url_of(a, b), "/v1/subscribe/a");
+  options.first_retry = milliseconds(3'600'000);
+  const auto socket = WebSocket::start(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
+  a.stop();
+  ASSERT_TRUE(eventually([&] { return log.opened == 2; }));
+  EXPECT_EQ(log.broker(1).port, b.port());
+  b.stop();
+  ASSERT_TRUE(eventually([&] { return log.down_count() == 2; }));
+  EXPECT_LE(log.down(0).second, milliseconds(51));
+  EXPECT_GT(log.down(1).second, milliseconds(2'000'000)) << "both have failed: their back-off";
 }
 
 TEST(WebSocketToBroker, RefusalWaitsTheLongestInterval) {
@@ -266,6 +326,56 @@ TEST(WebSocket, PeerOfAnotherProtocolIsRefused) {
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kIncompatibleVersion);
   EXPECT_EQ(log.opened, 0);
+}
+
+/// Has its connections upgraded, and ends each when it is told.
+class ServerAt {
+ public:
+  using Socket = beast::websocket::stream<tcp::socket, false>;
+  ServerAt(const char* address, std::uint16_t port)
+      : acceptor_(loop_, tcp::endpoint(asio::ip::make_address(address), port)) {
+    thread_ = std::thread([this] {
+      for (boost::system::error_code ec; !ec;) {
+        Socket socket(loop_);
+        acceptor_.accept(socket.next_layer(), ec);
+        if (ec) return;
+        socket.set_option(beast::websocket::stream_base::decorator([](beast::websocket::response_type& r) {
+          r.set(beast::http::field::sec_websocket_protocol, "eigencast.v1");
+        }));
+        boost::system::error_code ended;
+        socket.accept(ended);
+        beast::flat_buffer in;
+        if (!ended) socket.read(in, ended);
+      }
+    });
+  }
+  ~ServerAt() {
+    ::shutdown(acceptor_.native_handle(), SHUT_RDWR);
+    thread_.join();
+  }
+  std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
+
+ private:
+  asio::io_context loop_;
+  tcp::acceptor acceptor_;
+  std::thread thread_;
+};
+
+TEST(WebSocket, AddressesOfANameAreTriedInTurn) {
+  ServerAt one("127.0.0.1", 0);
+  ServerAt two("127.0.0.2", one.port());
+  Log log;
+  const auto url = "ws://several.test:" + std::to_string(one.port()) + "/a";
+  auto options = options_for(url, "/");
+  options.longest_retry = milliseconds(40);
+  const auto socket = WebSocket::start(std::move(options), log.events());
+  for (std::size_t i = 0; i < 4; ++i) {
+    ASSERT_TRUE(eventually([&] { return log.opened == static_cast<int>(i + 1); }));
+    EXPECT_EQ(log.broker(i).address, i % 2 == 0 ? "127.0.0.1" : "127.0.0.2");
+    EXPECT_EQ(log.broker(i).host, "several.test");
+    EXPECT_EQ(log.down_count(), i) << "the address without a server is passed over";
+    EXPECT_EQ(socket->send_text("bye"), SendStatus::kSent);
+  }
 }
 
 TEST(WebSocket, StopsWhileItConnects) {

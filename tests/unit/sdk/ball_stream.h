@@ -59,9 +59,10 @@ class Sender {
  public:
   Sender(const LoopbackBroker& broker, int rank, CodecKind codec = CodecKind::kFloat64,
          const std::string& stream = "live/ball")
-      : model_(model(rank)) {
+      : Sender(broker.url(stream), rank, codec) {}
+  Sender(const std::string& url, int rank, CodecKind codec) : model_(model(rank)) {
     PublisherOptions options;
-    options.url = broker.url(stream);
+    options.url = url;
     options.codec = codec;
     auto made = Publisher::create(std::move(options), model_.asset, model_.encoded);
     EXPECT_TRUE(made) << made.error().message;
