@@ -50,10 +50,10 @@ void tune(Socket& socket, const Config& config) {
 Connection::Connection(Context& context, Transport transport, GrantPtr grant,
                        const websocket::MessageReader::Limits& limits, const Outbox::Limits* outbox)
     : context_(context),
-      grant_(std::move(grant)),
       transport_(std::move(transport)),
-      reader_(limits),
-      outbox_(outbox != nullptr ? *outbox : outbox_limits(context.config)) {
+      outbox_(outbox != nullptr ? *outbox : outbox_limits(context.config)),
+      grant_(std::move(grant)),
+      reader_(limits) {
   tune(transport_.socket(), context.config);
 }
 
@@ -63,6 +63,7 @@ void Connection::start(std::string answer) {
     id_ = ++context_.last_connection_id;
     watch_ = ReaderWatch(id_);
     open_ = true;
+    blocked_ = false;
     counted_ = counted_in(context_.connection_count);
     context_.connections.insert(this);
     send_framed(std::move(answer));
@@ -146,14 +147,14 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
 
 void Connection::on_ping(std::string_view payload) {
   const bool late = !outbox_.push_pong(std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload)));
-  if (late && !blocked_ && open_) flush();
+  if (late && !blocked_) flush();
   schedule_write();
 }
 
 bool Connection::is_backlogged() {
   const auto many = static_cast<std::size_t>(context_.config.limits.max_queued_control_messages) / 2;
   if (outbox_.control_messages() < many) return false;
-  if (!blocked_ && open_) flush();  // The socket may still take them.
+  if (!blocked_) flush();  // The socket may still take them.
   return blocked_ && outbox_.control_messages() >= many;
 }
 
@@ -212,8 +213,8 @@ void Connection::send_framed(std::string message) {
   const auto text = std::make_shared<const std::string>(std::move(message));
   if (outbox_.push_control(text)) return schedule_write();
   // Many requests in one turn make many answers before its end; the socket may still take them.
-  if (!blocked_ && open_) flush();
-  if (!blocked_ && open_ && outbox_.push_control(text)) return schedule_write();
+  if (!blocked_) flush();
+  if (!blocked_ && outbox_.push_control(text)) return schedule_write();
   ++context_.counters.slow_disconnects;
   log(context_.log, LogLevel::kWarning, name() + ": closed, it does not take its control messages");
   closing_ = true;
@@ -301,6 +302,7 @@ void Connection::close_later() {
 }
 
 void Connection::close_now() {
+  context_.turn.forget(*this);
   transport_.close();
   ended();
 }
@@ -309,6 +311,7 @@ void Connection::ended() {
   if (std::exchange(ended_, true)) return;
   if (deadline_) deadline_->cancel();
   context_.turn.forget(*this);
+  blocked_ = true;
   write_queue_.clear();
   if (!open_) return;
   counted_.reset();

@@ -83,6 +83,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   int plain_socket() override;
   std::size_t pieces(std::span<iovec> out) override;
   void written(const Transport::Outcome& outcome) override;
+  void sent(const Transport::Outcome& outcome) override;
 
   void wait_to_read(Transport::Wait wait);
   void on_readable();
@@ -97,14 +98,13 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void resume_reading();
   void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
-  bool can_write_now() const;
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
-  void write_partly(const FramePtr& frame, const Transport::Outcome& outcome);
   void fill_write_queue();
   void drop_written(std::size_t bytes);
   /// Call before the write: a viewer on the same machine may read the frame before the call returns.
   void note_write(const Frame& frame);
-  void count_sent(std::size_t bytes);
+  void note_first_write(FrameTimes& times);
+  void count_sent(std::uint64_t frames, std::uint64_t bytes);
   void check_window();
   void block(Transport::Wait wait);
   void on_all_written();
@@ -116,15 +116,22 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void log_failure(const std::exception& exception) noexcept;
   void ended();
 
+  // What each delivery needs comes first, in few cache lines: outbox_ begins with its share.
   Context& context_;
-  GrantPtr grant_;
+  bool blocked_ = true;   ///< Nothing can be written: it is full, broken, ended or not yet open.
+  bool closing_ = false;  ///< Only control messages are sent, then the close frame.
+  bool window_check_due_ = false;
+  const Frame* alone_ = nullptr;  ///< The last written past write_queue_; valid in sent().
+  std::uint64_t frames_sent_ = 0;
+  std::uint64_t bytes_sent_ = 0;
   Transport transport_;
-  websocket::MessageReader reader_;
-  Outbox outbox_;
   ReaderWatch watch_;
   std::vector<Outbox::Item> write_queue_;  ///< Written next, in order.
-  std::size_t queued_bytes_ = 0;           ///< Size of write_queue_, the written part of its first item included.
-  std::size_t partial_bytes_ = 0;          ///< Written bytes of the first item.
+  Outbox outbox_;
+  GrantPtr grant_;
+  websocket::MessageReader reader_;
+  std::size_t queued_bytes_ = 0;   ///< Size of write_queue_, the written part of its first item included.
+  std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.
   std::string close_reason_;
   RateLimiter control_;
   std::unique_ptr<Timer> deadline_;  ///< For closing; before that, while is_paced().
@@ -132,20 +139,22 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   TimeUs last_input_us_ = 0;
   TimeUs opened_us_ = 0;
   std::uint64_t id_ = 0;
-  std::uint64_t frames_sent_ = 0;
-  std::uint64_t bytes_sent_ = 0;
   websocket::CloseCode close_code_ = websocket::CloseCode::kNormal;
-  bool pinged_ = false;  ///< Since the last input.
+  bool pinged_ = false;        ///< Since the last input.
+  bool close_queued_ = false;  ///< The close frame is in write_queue_ or written.
   bool open_ = false;
-  bool blocked_ = false;
-  bool closing_ = false;         ///< Only control messages are sent, then the close frame.
-  bool close_queued_ = false;    ///< The close frame is in write_queue_ or written.
-  bool close_received_ = false;  ///< The peer's close frame, or an error that ends reading.
   bool ended_ = false;
-  bool greeted_ = false;  ///< The first messages are written.
-  bool window_check_due_ = false;
-  bool paused_ = false;  ///< Reading waits until answers are written.
+  bool close_received_ = false;  ///< The peer's close frame, or an error that ends reading.
+  bool greeted_ = false;         ///< The first messages are written.
+  bool paused_ = false;          ///< Reading waits until answers are written.
 };
+
+inline void Connection::count_sent(std::uint64_t frames, std::uint64_t bytes) {
+  context_.counters.frames_sent += frames;
+  context_.counters.frame_bytes_sent += bytes;
+  frames_sent_ += frames;
+  bytes_sent_ += bytes;
+}
 
 template <typename Work>
 void Connection::guarded(Work work) {

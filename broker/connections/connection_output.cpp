@@ -25,21 +25,31 @@ void Connection::send_droppable(const Outbox::Text& text) {
   if (!closing_ && outbox_.push_droppable(text)) schedule_write();
 }
 
-bool Connection::can_write_now() const {
-  if (blocked_ || !open_ || ended_ || closing_ || !write_queue_.empty() || outbox_.lanes() != 1) return false;
-  return context_.turn.writes_singly() && !transport_.is_tls();
+void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> frames) {
+  Turn& turn = context_.turn;
+  const Frame& frame = *frames.begin()->get();
+  const bool now = frames.size() == 1 && !blocked_ && !closing_ && write_queue_.empty() && !transport_.is_tls() &&
+                   !turn.is_sending(*this);
+  if (!now || !outbox_.send_directly(stream_id, frame, turn.now_us())) return deliver_queued(stream_id, frames);
+  note_write(frame);
+  count_sent(1, frame.wire.size());
+  if (watch_.note_sent()) window_check_due_ = true;
+  alone_ = &frame;
+  if (turn.batches())
+    return turn.send(*this, transport_.socket().native_handle(), frame.wire, *frames.begin(), window_check_due_);
+  const std::int64_t put = transport_.send(frame.wire);
+  if (put != std::ssize(frame.wire) || window_check_due_) sent(Transport::outcome_of(put, Transport::Wait::kWritable));
 }
 
-void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> frames) {
-  if (frames.size() != 1 || !can_write_now()) return deliver_queued(stream_id, frames);
-  const Frame& frame = *frames[0];
-  if (!outbox_.send_directly(stream_id, frame, context_.turn.now_us())) return deliver_queued(stream_id, frames);
-  note_write(frame);
-  const iovec piece{const_cast<std::uint8_t*>(frame.wire.data()), frame.wire.size()};
-  const Transport::Outcome outcome = transport_.write({&piece, 1});
-  if (outcome.bytes != piece.iov_len) return write_partly(frames[0], outcome);
-  count_sent(outcome.bytes);
-  if (window_check_due_) check_window();
+void Connection::sent(const Transport::Outcome& outcome) {
+  guarded([&] {
+    const std::size_t size = alone_->wire.size();
+    if (outcome.bytes == size) return window_check_due_ ? check_window() : void();
+    count_sent(std::uint64_t{0} - 1, std::uint64_t{0} - size);
+    write_queue_.insert(write_queue_.begin(), {nullptr, alone_->shared_from_this()});
+    queued_bytes_ += size;
+    written(outcome);
+  });
 }
 
 void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames) {
@@ -49,16 +59,8 @@ void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePt
   }
 }
 
-void Connection::write_partly(const FramePtr& frame, const Transport::Outcome& outcome) {
-  guarded([&] {
-    write_queue_.push_back({nullptr, frame});
-    queued_bytes_ += frame->wire.size();
-    written(outcome);
-  });
-}
-
 void Connection::schedule_write() {
-  if (blocked_ || !open_ || ended_ || close_queued_) return;
+  if (blocked_ || close_queued_) return;
   guarded([this] { fill_write_queue(); });
 }
 
@@ -93,7 +95,7 @@ int Connection::plain_socket() {
 }
 
 std::size_t Connection::pieces(std::span<iovec> out) {
-  if (blocked_ || ended_) return 0;
+  if (blocked_) return 0;
   std::size_t count = 0;
   std::size_t skip = partial_bytes_;
   for (const Outbox::Item& item : write_queue_) {
@@ -106,6 +108,7 @@ std::size_t Connection::pieces(std::span<iovec> out) {
 }
 
 void Connection::flush() {
+  if (context_.turn.is_sending(*this)) context_.turn.submit();
   std::array<iovec, kMaxPieces> all;
   // TLS takes one record at a time; the rest is offered again until it has to wait.
   do {
@@ -134,20 +137,14 @@ void Connection::written(const Transport::Outcome& outcome) {
 }
 
 void Connection::note_write(const Frame& frame) {
-  FrameTimes& times = frame.times;
-  if (times.written_us != 0) return;
+  if (frame.times.written_us == 0) note_first_write(frame.times);
+}
+
+void Connection::note_first_write(FrameTimes& times) {
   times.written_us = steady_now_us();
   const TimeUs from_us = times.due_us != 0 ? times.due_us : times.arrival_us;
   if (from_us != 0) context_.counters.latency.add(times.written_us - from_us);
   if (times.due_us != 0 && times.arrival_us != 0) context_.counters.hold.add(times.due_us - times.arrival_us);
-}
-
-void Connection::count_sent(std::size_t bytes) {
-  ++context_.counters.frames_sent;
-  context_.counters.frame_bytes_sent += bytes;
-  ++frames_sent_;
-  bytes_sent_ += bytes;
-  if (watch_.note_sent()) window_check_due_ = true;
 }
 
 void Connection::check_window() {
@@ -169,7 +166,8 @@ void Connection::drop_written(std::size_t bytes) {
     partial_bytes_ -= size;
     queued_bytes_ -= size;
     if (!write_queue_[whole].frame) continue;
-    count_sent(size);
+    count_sent(1, size);
+    if (watch_.note_sent()) window_check_due_ = true;
   }
   write_queue_.erase(write_queue_.begin(), write_queue_.begin() + static_cast<std::ptrdiff_t>(whole));
 }

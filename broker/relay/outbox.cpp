@@ -9,23 +9,9 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
-/// The sequence that a receiver with key `newest` needs the frame to have, unless it is a join (docs/protocol.md,
-/// section 5): the next key builds on it, a synthetic pose leads to the next key, and steps and estimates start at it.
-std::uint64_t next_sequence(const Envelope& envelope, std::uint64_t newest) {
-  return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kSynthetic ? newest + 1 : newest;
-}
-
-bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
-  return envelope.kind == FrameKind::kJoin || (newest && envelope.sequence == next_sequence(envelope, *newest));
-}
-
-bool is_key(const Envelope& envelope) {
-  return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin;
-}
-
 /// Whether the receiver already shows this frame or a newer one of its chain.
-bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest) {
-  return envelope.kind != FrameKind::kJoin && newest && envelope.sequence < next_sequence(envelope, *newest);
+bool is_overtaken(const Frame& frame, std::optional<std::uint64_t> newest) {
+  return frame.envelope.kind != FrameKind::kJoin && newest && frame.builds_on + 1 <= *newest;
 }
 
 }  // namespace
@@ -66,7 +52,7 @@ void Outbox::close_lane(std::uint32_t stream_id) {
 void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) return;
-  if (is_key(frame->envelope)) {
+  if (frame->is_key) {
     const bool shown_as_it_comes = (frame->envelope.flags & Envelope::kAhead) == 0;
     skip(*lane, lane->key);
     if (shown_as_it_comes) skip(*lane, lane->pose);
@@ -77,15 +63,6 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
     lane->pose = frame;
     lane->pose_first = lane->key == nullptr;
   }
-}
-
-bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
-  Lane* lane = find(stream_id);
-  if (lane == nullptr || !control_.empty() || lane->key || lane->pose) return false;
-  // A receiver that has nothing may begin with this frame if it is a join.
-  if (!decodable(frame.envelope, lane->newest) || window_closed(*lane, now_us)) return false;
-  note_sent(*lane, frame, now_us);
-  return true;
 }
 
 std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
@@ -111,7 +88,7 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
 FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   drop_overtaken(lane);
   FramePtr& first = lane.key && !(lane.pose && lane.pose_first) ? lane.key : lane.pose;
-  if (first && decodable(first->envelope, lane.newest)) return std::exchange(first, nullptr);
+  if (first && decodable(*first, lane.newest)) return std::exchange(first, nullptr);
   if (!first && !lane.wants_join) return nullptr;
   lane.wants_join = false;
   FramePtr join = join_of(lane.stream_id);
@@ -124,25 +101,15 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   ++lane.counts.joins;
   const std::uint64_t joined = join->envelope.sequence;
   if (lane.key && lane.key->envelope.sequence <= joined) lane.key = nullptr;  // The join holds it.
-  if (lane.key && !decodable(lane.key->envelope, joined)) skip(lane, lane.key);
-  if (lane.pose && !decodable(lane.pose->envelope, lane.key ? lane.key->envelope.sequence : joined))
-    skip(lane, lane.pose);
+  if (lane.key && !decodable(*lane.key, joined)) skip(lane, lane.key);
+  if (lane.pose && !decodable(*lane.pose, lane.key ? lane.key->envelope.sequence : joined)) skip(lane, lane.pose);
   return join;
 }
 
 void Outbox::drop_overtaken(Lane& lane) {
   // A join may overtake frames that were made before it and are offered after it.
-  if (lane.key && is_overtaken(lane.key->envelope, lane.newest)) lane.key = nullptr;
-  if (lane.pose && is_overtaken(lane.pose->envelope, lane.newest)) skip(lane, lane.pose);
-}
-
-void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
-  if (is_key(frame.envelope)) lane.newest = frame.envelope.sequence;
-  lane.wants_join = false;
-  lane.last_sent_us = now_us;
-  ++lane.counts.sent;
-  lane.last = {frame.envelope.sequence, frame.envelope.step.byte(), now_us};
-  if (acknowledges_) note_in_flight(lane);
+  if (lane.key && is_overtaken(*lane.key, lane.newest)) lane.key = nullptr;
+  if (lane.pose && is_overtaken(*lane.pose, lane.newest)) skip(lane, lane.pose);
 }
 
 void Outbox::note_in_flight(Lane& lane) {
@@ -160,9 +127,9 @@ void Outbox::drop_unsent(const Frame& frame) {
   --lane->counts.sent;
   ++skipped_total_;
   std::erase_if(lane->in_flight, [&](const InFlight& sent) {
-    return sent.sequence == frame.envelope.sequence && sent.step == frame.envelope.step.byte();
+    return sent.sequence == frame.envelope.sequence && sent.step == frame.envelope.step;
   });
-  if (!is_key(frame.envelope)) return;
+  if (!frame.is_key) return;
   lane->newest.reset();
   lane->wants_join = true;
 }
@@ -172,7 +139,7 @@ void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
   if (lane == nullptr) return;
   if (!acknowledges_) return begin_window(*lane, item, now_us);
   const auto match = std::find_if(lane->in_flight.rbegin(), lane->in_flight.rend(), [&](const InFlight& sent) {
-    return sent.sequence == item.sequence && sent.step == item.step;
+    return sent.sequence == item.sequence && sent.step.byte() == item.step;
   });
   if (match == lane->in_flight.rend()) return;
   note_round_trip(now_us - match->sent_us, now_us);
@@ -184,7 +151,8 @@ void Outbox::begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now
   if (last.sent_us < 0 || item.sequence > last.sequence) return;
   acknowledges_ = true;
   hold_from_us_ = ReaderWatch::kNever;
-  if (item.sequence == last.sequence && item.step == last.step) return note_round_trip(now_us - last.sent_us, now_us);
+  if (item.sequence == last.sequence && item.step == last.step.byte())
+    return note_round_trip(now_us - last.sent_us, now_us);
   lane.in_flight.push_back(last);
 }
 
@@ -202,11 +170,10 @@ std::optional<TimeUs> Outbox::round_trip_us() const {
   return min_round_trip_ ? min_round_trip_ : previous_min_round_trip_;
 }
 
-bool Outbox::window_closed(const Lane& lane, TimeUs now_us) const {
-  if (now_us >= hold_from_us_) return true;
-  if (!acknowledges_ || lane.in_flight.empty()) return false;
+bool Outbox::in_flight_too_long(const Lane& lane, TimeUs now_us) const {
+  if (lane.in_flight.empty()) return false;
   const TimeUs allowed = round_trip_us().value_or(0) + limits_.window_slack_us;
-  return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last_sent_us < limits_.probe_us;
+  return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last.sent_us < limits_.probe_us;
 }
 
 std::vector<Outbox::Skipped> Outbox::take_skipped() {

@@ -65,7 +65,8 @@ class Outbox {
   /// Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
-  /// offer() and take() in one, if nothing is queued before the frame. False: nothing changed, offer it.
+  /// offer() and take() in one, if nothing is queued before the frame and no other lane is open. False: nothing
+  /// changed, offer it.
   bool send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us);
 
   /// The next message to send: control first, then the lanes in turn. Nothing: all is sent or waits for the window.
@@ -93,25 +94,30 @@ class Outbox {
  private:
   struct InFlight {
     std::uint64_t sequence;
-    std::uint8_t step;
+    InterpolationStep step;
     TimeUs sent_us;
   };
   struct Lane {
     std::uint32_t stream_id = 0;
-    FramePtr key;                         ///< Waiting key or join.
-    FramePtr pose;                        ///< Waiting synthetic or step.
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
-    InFlight last{0, 0, -1};              ///< The last frame sent; the only one kept before the first acknowledgement.
+    FramePtr key;                         ///< Waiting key or join.
+    FramePtr pose;                        ///< Waiting synthetic or step.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
-    std::vector<InFlight> in_flight;      ///< Oldest first.
-    TimeUs last_sent_us = 0;
-    std::uint64_t skipped = 0;  ///< Since they were last taken.
+    InFlight last{0, {}, -1};             ///< The last frame sent; the only one kept before the first acknowledgement.
     Ladder::Counts counts;
+    std::vector<InFlight> in_flight;  ///< Oldest first.
+    std::uint64_t skipped = 0;        ///< Since they were last taken.
   };
 
   Lane* find(std::uint32_t stream_id);
-  bool window_closed(const Lane& lane, TimeUs now_us) const;
+  static bool decodable(const Frame& frame, std::optional<std::uint64_t> newest) {
+    return frame.envelope.kind == FrameKind::kJoin || (newest && *newest == frame.builds_on);
+  }
+  bool window_closed(const Lane& lane, TimeUs now_us) const {
+    return now_us >= hold_from_us_ || (acknowledges_ && in_flight_too_long(lane, now_us));
+  }
+  bool in_flight_too_long(const Lane& lane, TimeUs now_us) const;
   FramePtr next_of(Lane& lane, const JoinSource& join_of);
   void drop_overtaken(Lane& lane);
   void note_sent(Lane& lane, const Frame& frame, TimeUs now_us);
@@ -120,19 +126,39 @@ class Outbox {
   void note_round_trip(TimeUs round_trip_us, TimeUs now_us);
   void skip(Lane& lane, FramePtr& waiting);
 
-  Limits limits_;
-  std::vector<Text> control_;  ///< Oldest first.
-  Text late_pong_;
-  TimeUs hold_from_us_ = ReaderWatch::kNever;
-  std::size_t control_bytes_ = 0;
   std::vector<Lane> lanes_;
-  std::size_t next_lane_ = 0;
+  std::vector<Text> control_;  ///< Oldest first.
+  TimeUs hold_from_us_ = ReaderWatch::kNever;
   bool acknowledges_ = false;
+  Limits limits_;
+  Text late_pong_;
+  std::size_t control_bytes_ = 0;
+  std::size_t next_lane_ = 0;
   std::optional<TimeUs> min_round_trip_;           ///< In the current period.
   std::optional<TimeUs> previous_min_round_trip_;  ///< In the period before it.
   TimeUs period_start_us_ = 0;
   std::uint64_t skipped_total_ = 0;
   std::uint64_t joins_total_ = 0;
 };
+
+// What every delivery runs is inline.
+
+inline bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
+  if (lanes_.size() != 1 || !control_.empty()) return false;
+  Lane& lane = *lanes_.begin();
+  if (lane.stream_id != stream_id || lane.key || lane.pose) return false;
+  // A receiver that has nothing may begin with this frame if it is a join.
+  if (!decodable(frame, lane.newest) || window_closed(lane, now_us)) return false;
+  note_sent(lane, frame, now_us);
+  return true;
+}
+
+inline void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
+  if (frame.is_key) lane.newest = frame.envelope.sequence;
+  lane.wants_join = false;
+  ++lane.counts.sent;
+  lane.last = {frame.envelope.sequence, frame.envelope.step, now_us};
+  if (acknowledges_) note_in_flight(lane);
+}
 
 }  // namespace eigencast::broker

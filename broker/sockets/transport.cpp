@@ -108,18 +108,21 @@ bool Transport::has_read_ahead() const {
 
 Transport::Outcome Transport::write(std::span<const iovec> pieces) {
   if (tls_) return write_tls(pieces);
-  ssize_t count = 0;
   if (pieces.size() == 1) {
-    // Not ::send: it is a cancellation point and doubles the cost in a multi-threaded process.
-    count =
-        ::syscall(SYS_sendto, socket_.native_handle(), pieces[0].iov_base, pieces[0].iov_len, kSendFlags, nullptr, 0);
-  } else {
-    msghdr message{};
-    message.msg_iov = const_cast<iovec*>(pieces.data());
-    message.msg_iovlen = pieces.size();
-    count = ::sendmsg(socket_.native_handle(), &message, kSendFlags);
+    const auto* bytes = static_cast<const std::uint8_t*>(pieces[0].iov_base);
+    return outcome_of(send({bytes, pieces[0].iov_len}), Wait::kWritable);
   }
+  msghdr message{};
+  message.msg_iov = const_cast<iovec*>(pieces.data());
+  message.msg_iovlen = pieces.size();
+  const ssize_t count = ::sendmsg(socket_.native_handle(), &message, kSendFlags);
   return outcome_of(count < 0 ? -errno : count, Wait::kWritable);
+}
+
+std::int64_t Transport::send(ByteView bytes) {
+  // Not ::send: it is a cancellation point and doubles the cost in a multi-threaded process.
+  const long count = ::syscall(SYS_sendto, socket_.native_handle(), bytes.data(), bytes.size(), kSendFlags, nullptr, 0);
+  return count < 0 ? -errno : count;
 }
 
 Transport::Outcome Transport::write_tls(std::span<const iovec> pieces) {

@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "broker/sockets/net.h"
+#include "common/core/bytes.h"
 
 namespace eigencast::broker {
 
@@ -55,6 +56,8 @@ class Transport {
   Outcome read(std::span<std::uint8_t> into);
   /// Whether TLS holds decrypted bytes that were read off the socket with an earlier record.
   bool has_read_ahead() const;
+  /// Plain: the bytes sent, or a negated errno.
+  std::int64_t send(ByteView bytes);
   /// TLS: at most one record; the next call must begin with the same held_bytes() bytes.
   Outcome write(std::span<const iovec> pieces);
   /// Leading bytes of the last write() that TLS has encrypted but not sent.

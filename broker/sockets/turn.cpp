@@ -33,14 +33,17 @@ Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::f
 void Turn::begin() {
   if (!wants_uring_ || ring_) return;
   auto ring = open_uring();
-  if (ring) return void(ring_ = std::move(*ring));
+  if (ring) {
+    held_.reserve(kMaxBatch);  // hold() must not throw: what is sent counts as sent.
+    return void(ring_ = std::move(*ring));
+  }
   log(log_, LogLevel::kWarning, "writes go one by one, because io_uring is unavailable: " + ring.error().message);
 }
 
 TimeUs Turn::begin_turn() {
   now_us_ = steady_now_us();
   arm_end();
-  return *now_us_;
+  return now_us_;
 }
 
 void Turn::add(SocketWriter& writer, bool may_wait) {
@@ -54,6 +57,7 @@ void Turn::add(SocketWriter& writer, bool may_wait) {
 }
 
 void Turn::forget(SocketWriter& writer) {
+  if (is_sending(writer)) submit();
   if (writer.queue_ == SocketWriter::Queue::kNone) return;
   list_of(writer.queue_)[writer.slot_] = nullptr;
   writer.queue_ = SocketWriter::Queue::kNone;
@@ -71,10 +75,10 @@ void Turn::end_turn() {
     flush_all(now_);
   } catch (...) {  // The next turn retries, so there must be one.
     end_armed_ = false;
-    now_us_.reset();
+    now_us_ = 0;
     throw;
   }
-  now_us_.reset();
+  now_us_ = 0;
   prepare_();
 }
 
@@ -89,17 +93,40 @@ void Turn::arm_tick() {
 }
 
 void Turn::flush_all(std::vector<SocketWriter*>& list) {
+  submit();
   // Writers with bytes left, or with new output from the others' outcomes, enter the next turn.
   flushing_.clear();  // Left over from a failed turn.
   flushing_.swap(list);
   std::erase(flushing_, nullptr);
   for (SocketWriter* writer : flushing_) writer->queue_ = SocketWriter::Queue::kNone;
-  if (ring_) {
-    write_all(*ring_, flushing_);
-  } else {
-    for (SocketWriter* writer : flushing_) writer->flush();
+  for (SocketWriter* writer : flushing_) {
+    const int socket = ring_ ? writer->plain_socket() : -1;
+    if (socket < 0) {
+      writer->flush();
+      continue;
+    }
+    if (batched_ == kMaxBatch || !has_room(*ring_)) submit();
+    if (!add_pieces(*ring_, *writer, socket)) continue;
+    writer->batch_ = batch_;
+    ++batched_;
   }
+  submit();
   flushing_.clear();
+}
+
+void Turn::submit() {
+  if (batched_ == 0) return;
+  write_batch(*ring_);
+  batched_ = 0;
+  ++batch_;
+  tell_writers(*ring_);
+  held_.clear();
+  held_last_ = nullptr;
+}
+
+void Turn::hold(std::shared_ptr<const void> owner) {
+  held_last_ = owner.get();
+  held_.push_back(std::move(owner));
 }
 
 }  // namespace eigencast::broker

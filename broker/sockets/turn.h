@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -54,19 +53,33 @@ class SocketWriter {
   /// Fills in the queued pieces and returns their number. They stay valid until written().
   virtual std::size_t pieces(std::span<iovec> out) = 0;
   virtual void written(const Transport::Outcome& outcome) = 0;
+  /// The same for bytes given to Turn::send().
+  virtual void sent(const Transport::Outcome& outcome) = 0;
 
  private:
   friend class Turn;
   enum class Queue : std::uint8_t { kNone, kNow, kTick };
   Queue queue_ = Queue::kNone;
   std::uint32_t slot_ = 0;
+  std::uint64_t batch_ = 0;  ///< The last that had writes of it.
 };
 
+constexpr unsigned kMaxBatch = 1024;  ///< Writes that go to the kernel at a time.
+
+/// Hands many writes to the kernel in one call. A batch holds at most kMaxBatch, one of each writer.
 struct Uring;
-/// Serves many connections with few system calls. Errors: kUnsupported (built without it, or the kernel refused).
+/// Errors: kUnsupported (built without it, or the kernel refused).
 Result<std::shared_ptr<Uring>> open_uring();
-/// Flushes all writers, those with a plain socket in batches that are complete when the call returns.
-void write_all(Uring& ring, std::span<SocketWriter* const> writers);
+/// Adds the writer's bytes: see Turn::send().
+void add_send(Uring& uring, SocketWriter& writer, int socket, ByteView bytes, bool tell);
+/// Adds the writer's pieces. False: it has none.
+bool add_pieces(Uring& uring, SocketWriter& writer, int socket);
+/// Whether one more add_pieces() fits.
+bool has_room(const Uring& uring);
+/// Writes the batch. Throws if the kernel takes none of it, which is then still to be written.
+void write_batch(Uring& uring);
+/// Tells the writers what became of it.
+void tell_writers(Uring& uring);
 
 /// One turn of an event loop: the output of all ready handlers is written at its end, one write per connection. Under
 /// load, output of connections with several streams waits for the next tick (see Gathering). Writes go through io_uring
@@ -85,22 +98,36 @@ class Turn {
 
   /// Opens io_uring; on the loop's thread, before the loop runs.
   void begin();
-  const char* backend() const { return ring_ ? "io_uring" : "epoll"; }
 
-  TimeUs now_us() { return now_us_ ? *now_us_ : begin_turn(); }
+  TimeUs now_us() { return now_us_ != 0 ? now_us_ : begin_turn(); }
 
-  /// Whether each write is a system call of its own, so that batching gains nothing.
-  bool writes_singly() const { return !ring_; }
+  /// Whether writes join a batch, which is written when the turn ends or is full.
+  bool batches() const { return ring_ != nullptr; }
+
+  /// Adds bytes of a plain socket, kept by `owner`, to the batch. Calls sent() if they were not all written, or to
+  /// `tell`. REQUIRES: batches(); !is_sending(writer).
+  template <typename Owner>
+  void send(SocketWriter& writer, int socket, ByteView bytes, const std::shared_ptr<Owner>& owner, bool tell) {
+    if (batched_ == kMaxBatch) submit();
+    if (held_last_ != owner.get()) hold(owner);
+    writer.batch_ = batch_;
+    ++batched_;
+    add_send(*ring_.get(), writer, socket, bytes, tell);
+  }
+  /// Whether bytes of it are in the batch: nothing else may be written to its socket before submit().
+  bool is_sending(const SocketWriter& writer) const { return writer.batch_ == batch_; }
+  void submit();
 
   /// Flushes the writer at the end of this turn, or if it `may_wait` at the next tick.
   void add(SocketWriter& writer, bool may_wait);
-  /// Removes the writer; call before it ends.
+  /// Removes the writer; call before its socket is closed.
   void forget(SocketWriter& writer);
   /// Whether `poses` due to a connection of several streams may wait for the next tick.
   bool gathers(std::uint64_t poses) { return gathering_.waits(poses, now_us()); }
 
  private:
   TimeUs begin_turn();
+  void hold(std::shared_ptr<const void> owner);
   void arm_end();
   void end_turn();
   void arm_tick();
@@ -115,11 +142,15 @@ class Turn {
   const bool wants_uring_;
   Gathering gathering_;
   std::shared_ptr<Uring> ring_;
+  std::vector<std::shared_ptr<const void>> held_;  ///< Owners of what the batch sends.
+  const void* held_last_ = nullptr;                ///< The last of held_.
+  std::uint64_t batch_ = 1;
+  unsigned batched_ = 0;  ///< Writes in the batch.
   std::vector<SocketWriter*> now_;
   std::vector<SocketWriter*> tick_;
   std::vector<SocketWriter*> flushing_;  ///< Scratch.
   Timer timer_;
-  std::optional<TimeUs> now_us_;
+  TimeUs now_us_ = 0;  ///< When the turn began; 0: none has.
   bool end_armed_ = false;
   bool tick_armed_ = false;
 };

@@ -5,9 +5,9 @@
 #include <liburing.h>
 #include <sys/socket.h>
 
-#include <array>
 #include <cerrno>
-#include <utility>
+#include <cstdint>
+#include <system_error>
 #include <vector>
 #endif
 
@@ -17,103 +17,92 @@ namespace eigencast::broker {
 
 namespace {
 
-constexpr unsigned kBatch = 1024;
+// Beside the writer in an entry's user data: of add_send(), else of add_pieces().
+constexpr std::uint64_t kSend = 1;
+
+// The kernel never puts a write with kSendFlags off: all are done when the call that hands them over returns. With this
+// one, less than all is a failure, of which it tells even where success is not told.
+constexpr int kWholeFlags = kSendFlags | MSG_WAITALL;
 
 }  // namespace
 
 struct Uring {
   io_uring ring{};
   bool open = false;
-  /// One write of a batch: `count` pieces from pieces[first] on.
-  struct Write {
-    SocketWriter* writer;
-    std::size_t first;
-    std::size_t count;
-  };
-  std::vector<Write> writes;
-  std::vector<iovec> pieces;
-  std::vector<msghdr> messages;
+  // What the entries of add_pieces() point to: of fixed size, so that it does not move.
+  std::vector<iovec> pieces = std::vector<iovec>(kMaxBatch + SocketWriter::kMaxPieces);
+  std::vector<msghdr> messages = std::vector<msghdr>(kMaxBatch);
+  std::size_t used_pieces = 0, used_messages = 0;
 
   ~Uring() {
     if (open) io_uring_queue_exit(&ring);
-  }
-
-  void add(SocketWriter& writer) {
-    std::array<iovec, SocketWriter::kMaxPieces> all;
-    const std::size_t count = writer.pieces(all);
-    if (count == 0) return;
-    writes.push_back({&writer, pieces.size(), count});
-    pieces.insert(pieces.end(), all.begin(), all.begin() + count);
-  }
-
-  void submit() {
-    messages.resize(writes.size());
-    for (std::size_t i = 0; i < writes.size(); ++i) {
-      const Write& write = writes[i];
-      io_uring_sqe* entry = io_uring_get_sqe(&ring);
-      const int socket = write.writer->plain_socket();
-      if (write.count == 1) {
-        const iovec& piece = pieces[write.first];
-        io_uring_prep_send(entry, socket, piece.iov_base, piece.iov_len, kSendFlags);
-      } else {
-        messages[i] = {};
-        messages[i].msg_iov = pieces.data() + write.first;
-        messages[i].msg_iovlen = write.count;
-        io_uring_prep_sendmsg(entry, socket, &messages[i], kSendFlags);
-      }
-      io_uring_sqe_set_data64(entry, i);
-    }
-    collect();
-  }
-
-  void collect() {
-    std::size_t outstanding = writes.size();
-    while (outstanding > 0) {
-      const int submitted = io_uring_submit_and_wait(&ring, static_cast<unsigned>(outstanding));
-      if (submitted < 0 && submitted != -EINTR && submitted != -EAGAIN && submitted != -EBUSY)
-        break;  // Not observed in practice.
-      std::array<io_uring_cqe*, 64> done;
-      while (const unsigned count = io_uring_peek_batch_cqe(&ring, done.data(), done.size())) {
-        for (unsigned i = 0; i < count; ++i) {
-          const std::size_t which = io_uring_cqe_get_data64(done[i]);
-          std::exchange(writes[which].writer, nullptr)
-              ->written(Transport::outcome_of(done[i]->res, Transport::Wait::kWritable));
-        }
-        io_uring_cq_advance(&ring, count);
-        outstanding -= count;
-      }
-    }
-    for (const Write& write : writes) {  // Their outcome is unknown.
-      if (write.writer != nullptr) write.writer->written({0, Transport::Wait::kNo, asio::error::connection_aborted});
-    }
-    writes.clear();
-    pieces.clear();
   }
 };
 
 Result<std::shared_ptr<Uring>> open_uring() {
   io_uring_params params{};
   params.flags = IORING_SETUP_SINGLE_ISSUER | IORING_SETUP_COOP_TASKRUN | IORING_SETUP_CQSIZE;
-  params.cq_entries = 4 * kBatch;
+  params.cq_entries = 4 * kMaxBatch;
   auto opened = std::make_shared<Uring>();
-  if (const int error = io_uring_queue_init_params(kBatch, &opened->ring, &params); error < 0) {
+  if (const int error = io_uring_queue_init_params(kMaxBatch, &opened->ring, &params); error < 0) {
     return fail(ErrorCode::kUnsupported, "the kernel refuses it: " + std::generic_category().message(-error));
   }
   opened->open = true;
-  opened->pieces.reserve(kBatch + SocketWriter::kMaxPieces);
   return opened;
 }
 
-void write_all(Uring& ring, std::span<SocketWriter* const> writers) {
-  for (SocketWriter* writer : writers) {
-    if (writer->plain_socket() < 0) {
-      writer->flush();
-      continue;
-    }
-    ring.add(*writer);
-    if (ring.writes.size() == kBatch) ring.submit();
+void add_send(Uring& uring, SocketWriter& writer, int socket, ByteView bytes, bool tell) {
+  // As io_uring_get_sqe() and io_uring_prep_send(), less what holds of every entry of this ring: there is one free, and
+  // no other field of it was ever set.
+  io_uring_sq& queue = uring.ring.sq;
+  io_uring_sqe& entry = queue.sqes[queue.sqe_tail++ & queue.ring_mask];
+  entry.opcode = IORING_OP_SEND;
+  entry.flags = tell ? 0 : IOSQE_CQE_SKIP_SUCCESS;
+  entry.fd = socket;
+  entry.addr = reinterpret_cast<std::uintptr_t>(bytes.data());
+  entry.len = static_cast<std::uint32_t>(bytes.size());
+  entry.msg_flags = kWholeFlags;
+  entry.user_data = reinterpret_cast<std::uintptr_t>(&writer) | kSend;
+}
+
+bool add_pieces(Uring& uring, SocketWriter& writer, int socket) {
+  iovec* pieces = &uring.pieces[uring.used_pieces];
+  const std::size_t count = writer.pieces({pieces, SocketWriter::kMaxPieces});
+  if (count == 0) return false;
+  uring.used_pieces += count;
+  io_uring_sqe* entry = io_uring_get_sqe(&uring.ring);
+  if (count == 1) {
+    io_uring_prep_send(entry, socket, pieces->iov_base, pieces->iov_len, kSendFlags);
+  } else {
+    msghdr& message = uring.messages[uring.used_messages++] = {};
+    message.msg_iov = pieces;
+    message.msg_iovlen = count;
+    io_uring_prep_sendmsg(entry, socket, &message, kSendFlags);
   }
-  if (!ring.writes.empty()) ring.submit();
+  io_uring_sqe_set_data64(entry, reinterpret_cast<std::uintptr_t>(&writer));
+  return true;
+}
+
+bool has_room(const Uring& uring) {
+  return uring.pieces.size() - uring.used_pieces >= SocketWriter::kMaxPieces;
+}
+
+void write_batch(Uring& uring) {
+  while (io_uring_sq_ready(&uring.ring) > 0) {
+    const int written = io_uring_submit(&uring.ring);
+    if (written < 0 && written != -EINTR && written != -EAGAIN && written != -EBUSY)  // Not observed in practice.
+      throw std::system_error(-written, std::generic_category(), "io_uring");
+  }
+  uring.used_pieces = uring.used_messages = 0;
+}
+
+void tell_writers(Uring& uring) {
+  for (io_uring_cqe* done; io_uring_peek_cqe(&uring.ring, &done) == 0; io_uring_cqe_seen(&uring.ring, done)) {
+    const std::uint64_t data = io_uring_cqe_get_data64(done);
+    auto* writer = reinterpret_cast<SocketWriter*>(data & ~kSend);
+    const auto outcome = Transport::outcome_of(done->res, Transport::Wait::kWritable);
+    (data & kSend) != 0 ? writer->sent(outcome) : writer->written(outcome);
+  }
 }
 
 #else
@@ -124,7 +113,15 @@ Result<std::shared_ptr<Uring>> open_uring() {
   return fail(ErrorCode::kUnsupported, "this program was built without liburing");
 }
 
-void write_all(Uring&, std::span<SocketWriter* const>) {}
+void add_send(Uring&, SocketWriter&, int, ByteView, bool) {}
+bool add_pieces(Uring&, SocketWriter&, int) {
+  return false;
+}
+bool has_room(const Uring&) {
+  return true;
+}
+void write_batch(Uring&) {}
+void tell_writers(Uring&) {}
 
 #endif
 

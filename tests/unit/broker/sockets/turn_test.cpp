@@ -2,8 +2,11 @@
 #include "broker/sockets/turn.h"
 
 #include <gtest/gtest.h>
+#include <sys/socket.h>
 
+#include <array>
 #include <new>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,6 +21,7 @@ class TurnTest : public ::testing::Test, public SocketWriter {
   int plain_socket() override { return -1; }
   std::size_t pieces(std::span<iovec>) override { return 0; }
   void written(const Transport::Outcome&) override {}
+  void sent(const Transport::Outcome&) override {}
 
   void deliver() {
     steps_.push_back("deliver");
@@ -59,6 +63,97 @@ TEST_F(TurnTest, FailedTurnIsRetriedWithItsWrites) {
   loop_.restart();
   loop_.run();
   EXPECT_EQ(steps_, (Steps{"deliver", "deliver", "flush", "prepare"}));
+}
+
+/// One that is sent to: keeps what it is told.
+struct Told final : SocketWriter {
+  void flush() override {}
+  int plain_socket() override { return -1; }
+  std::size_t pieces(std::span<iovec>) override { return 0; }
+  void written(const Transport::Outcome&) override {}
+  void sent(const Transport::Outcome& what) override { outcome = what; }
+  std::optional<Transport::Outcome> outcome;
+};
+
+class BatchTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (auto ring = open_uring(); !ring) GTEST_SKIP() << "no io_uring: " << ring.error().message;
+    turn_.begin();
+  }
+
+  /// A socket of loopback, and its peer, which reads nothing until asked.
+  struct Pair {
+    explicit Pair(asio::io_context& loop) : ours(loop.get_executor()), peer(loop.get_executor()) {
+      Acceptor acceptor(loop.get_executor(), {asio::ip::address_v4::loopback(), 0});
+      peer.connect(acceptor.local_endpoint());
+      ours = acceptor.accept();
+    }
+    std::size_t read(std::size_t bytes) {
+      std::vector<char> into(bytes);
+      return static_cast<std::size_t>(::recv(peer.native_handle(), into.data(), bytes, MSG_WAITALL));
+    }
+    Socket ours, peer;
+  };
+
+  void send(Told& writer, Pair& pair, const std::shared_ptr<const Bytes>& bytes, bool tell = false) {
+    turn_.send(writer, pair.ours.native_handle(), *bytes, bytes, tell);
+  }
+
+  asio::io_context loop_{1};
+  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [] {}, [] {}};
+};
+
+TEST_F(BatchTest, TellsOfFailuresAndWhereAskedFor) {
+  Pair good(loop_), asked(loop_), full(loop_), broken(loop_);
+  ::shutdown(broken.ours.native_handle(), SHUT_WR);
+  Told all, wanted, partly, none;
+  const auto small = std::make_shared<const Bytes>(600), large = std::make_shared<const Bytes>(64 << 20);
+  send(all, good, small);
+  send(wanted, asked, small, true);
+  send(partly, full, large);
+  send(none, broken, small);
+  EXPECT_TRUE(turn_.is_sending(all));
+  turn_.submit();
+  EXPECT_FALSE(turn_.is_sending(all));
+  EXPECT_EQ(good.read(600), 600u);
+  EXPECT_FALSE(all.outcome);
+  ASSERT_TRUE(wanted.outcome);
+  EXPECT_EQ(wanted.outcome->bytes, 600u);
+  ASSERT_TRUE(partly.outcome);
+  EXPECT_GT(partly.outcome->bytes, 0u);
+  EXPECT_LT(partly.outcome->bytes, large->size());
+  EXPECT_FALSE(partly.outcome->error);
+  send(partly, full, small);  // Nothing of it fits.
+  turn_.submit();
+  EXPECT_EQ(partly.outcome->bytes, 0u);
+  EXPECT_EQ(partly.outcome->wait, Transport::Wait::kWritable);
+  ASSERT_TRUE(none.outcome);
+  EXPECT_TRUE(none.outcome->error);
+  EXPECT_EQ(small.use_count() + large.use_count(), 2);
+}
+
+TEST_F(BatchTest, LeavesWhenTheTurnEndsOrItIsFull) {
+  Pair pair(loop_);
+  std::vector<Told> writers(kMaxBatch + 1);
+  const auto byte = std::make_shared<const Bytes>(1);
+  turn_.now_us();
+  for (Told& writer : writers) send(writer, pair, byte);
+  EXPECT_FALSE(turn_.is_sending(writers.front()));
+  EXPECT_TRUE(turn_.is_sending(writers.back()));
+  EXPECT_EQ(pair.read(kMaxBatch), kMaxBatch);
+  loop_.run();
+  EXPECT_FALSE(turn_.is_sending(writers.back()));
+  EXPECT_EQ(pair.read(1), 1u);
+}
+
+TEST_F(BatchTest, ForgottenWriterIsWrittenBeforeItsSocketIsAnothers) {
+  Pair pair(loop_);
+  Told writer;
+  send(writer, pair, std::make_shared<const Bytes>(600));
+  turn_.forget(writer);
+  pair.ours.close();
+  EXPECT_EQ(pair.read(601), 600u);
 }
 
 }  // namespace
