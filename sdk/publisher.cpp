@@ -261,6 +261,7 @@ class BrokerPublisher final : public Publisher {
     std::unique_lock lock(mutex_);
     if (phase_ != Phase::kAnnounced) return;
     phase_ = Phase::kLive;
+    resume_ = m.resume;
     writer_.begin(m.stream_id, m.epoch);
     if (still_) still_->restart();
     stats_.state = State::kLive;
@@ -337,6 +338,7 @@ class BrokerPublisher final : public Publisher {
     m.format = format_;
     m.key_rate_hz = options_.key_rate_hz;
     m.world = options_.world;
+    m.resume = resume_;
     phase_ = Phase::kAnnounced;
     stats_.detail = "announced, waiting for the broker";
     // A connection that broke meanwhile says so by on_down, and everything starts again.
@@ -367,7 +369,8 @@ class BrokerPublisher final : public Publisher {
   std::unique_ptr<WebSocket> socket_;              ///< Set once by start().
   std::unique_ptr<AssetUploader> asset_uploader_;  ///< Likewise.
   Phase phase_ = Phase::kDown;
-  BrokerUrl at_;  ///< The broker that it is or was connected to.
+  std::string resume_;  ///< Takes the stream over, at this broker and at others.
+  BrokerUrl at_;        ///< The broker that it is or was connected to.
   bool ever_open_ = false;
   KeyWriter writer_;
   std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.

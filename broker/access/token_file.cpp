@@ -129,6 +129,14 @@ bool TokenFile::has(const Sha256& hash, const Rights& rights) const {
   return found != tokens_.end() && found->second.rights == rights;
 }
 
+Result<Sha256> random_bits() {
+  Sha256 bits;
+  if (RAND_bytes(bits.digest.data(), static_cast<int>(bits.digest.size())) != 1) {
+    return fail(ErrorCode::kInternal, "the system gives no random numbers");
+  }
+  return bits;
+}
+
 Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,
                                            const std::vector<std::string>& subscribe, bool admin) {
   if (!is_name(name)) {
@@ -139,14 +147,10 @@ Result<NewStaticToken> create_static_token(const std::string& name, const std::v
   for (const auto* patterns : {&publish, &subscribe}) {
     if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
   }
-  std::array<unsigned char, 32> random{};
-  if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1) {
-    return fail(ErrorCode::kInternal, "the system gives no random numbers");
-  }
-  Sha256 digits;
-  std::copy(random.begin(), random.end(), digits.digest.begin());
+  const auto random = random_bits();
+  if (!random) return random.error();
   NewStaticToken made;
-  made.token = std::string(kMark) + digits.hex();
+  made.token = std::string(kMark) + random->hex();
   made.line = name + " " + std::string(kHash) + TokenFile::hash_of(made.token).hex();
   if (!publish.empty()) made.line += " pub=" + joined(publish);
   if (!subscribe.empty()) made.line += " sub=" + joined(subscribe);

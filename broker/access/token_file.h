@@ -41,6 +41,9 @@ class TokenFile {
   std::map<Sha256, StaticToken> tokens_;
 };
 
+/// Errors: kInternal (the system gives none).
+Result<Sha256> random_bits();
+
 struct NewStaticToken {
   std::string token;
   std::string line;

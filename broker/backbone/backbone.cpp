@@ -195,8 +195,9 @@ void Backbone::forget() {
   for (const std::string& name : directory_.forgotten(now)) write(name, std::nullopt);
 }
 
-void Backbone::claim(const std::string& stream, const control::Announce& announce, Granted granted) {
-  claims_[stream] = {announce, std::move(granted), environment_.now_us()};
+void Backbone::claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
+                     Granted granted) {
+  claims_[stream] = {announce, resume, std::move(granted), environment_.now_us()};
   next_heartbeat_us_ = 0;  // Other brokers must know that this one is alive before they see the claim.
   send_heartbeat();
   try_claim(stream);
@@ -207,7 +208,10 @@ void Backbone::try_claim(const std::string& name) {
   if (found == claims_.end()) return;
   const TimeUs now = environment_.now_us();
   const DirectoryEntry* holder = directory_.live(name, now);
-  if (holder != nullptr && holder->owner != settings_.id && connected_ && !environment_.replaces()) {
+  const Resume& resume = found->second.resume;
+  const bool others =
+      holder != nullptr && holder->owner != settings_.id && !is_same_proof(resume.shown, holder->resume);
+  if (others && connected_ && !environment_.replaces()) {
     ++totals_.claims_refused;
     return grant(name, fail(ErrorCode::kRefused, "stream '" + name +
                                                      "' already has a sender, at another broker, and a stream has one "
@@ -222,7 +226,7 @@ void Backbone::try_claim(const std::string& name) {
   if (!may_write(name)) return;
   const auto epoch = environment_.next_epoch(above);
   if (!epoch) return grant(name, epoch.error());
-  write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce},
+  write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce, resume.issued},
         [this, name, epoch](const Result<std::uint64_t>& written) {
           if (written) grant(name, *epoch);
         });
@@ -266,7 +270,8 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
 void Backbone::on_announced(const Stream& stream) {
   if (following_.feeds(stream.name())) return;
   settled_ = false;
-  own_[stream.name()] = {{settings_.id, stream.epoch(), true, stream.announcement()}, stream.layout(), nullptr};
+  own_[stream.name()] = {
+      {settings_.id, stream.epoch(), true, stream.announcement(), stream.resume()}, stream.layout(), nullptr};
 }
 
 void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {

@@ -46,7 +46,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   /// Call at least ten times a second.
   void tick();
 
-  void claim(const std::string& stream, const control::Announce& announce, Granted granted) override;
+  void claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
+             Granted granted) override;
 
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
@@ -60,6 +61,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
  private:
   struct Claim {
     control::Announce announce;
+    Resume resume;
     Granted granted;
     TimeUs since_us = 0;
   };

@@ -9,6 +9,7 @@ namespace {
 
 constexpr std::size_t kMaxEntryBytes = 65'536;
 constexpr std::size_t kMaxOwnerBytes = 64;
+constexpr std::size_t kMaxProofBytes = 128;
 
 Error corrupt(const std::string& why) {
   return fail(ErrorCode::kCorrupt, "an entry of the directory of streams cannot be read (" + why +
@@ -19,11 +20,12 @@ Error corrupt(const std::string& why) {
 
 std::string text_from_entry(const DirectoryEntry& entry) {
   // The announcement is embedded as a control message, for its hardened parser.
-  return nlohmann::json{{"owner", entry.owner},
-                        {"epoch", entry.epoch},
-                        {"live", entry.live},
-                        {"announce", text_from_control(entry.announce)}}
-      .dump();
+  nlohmann::json json{{"owner", entry.owner},
+                      {"epoch", entry.epoch},
+                      {"live", entry.live},
+                      {"announce", text_from_control(entry.announce)}};
+  if (!entry.resume.empty()) json["resume"] = entry.resume;
+  return json.dump();
 }
 
 Result<DirectoryEntry> entry_from_text(std::string_view text) {
@@ -47,6 +49,12 @@ Result<DirectoryEntry> entry_from_text(std::string_view text) {
   if (announced == nullptr) return corrupt("announce");
   if (const auto format = check_format(announced->format); !format) return corrupt(format.error().message);
   entry.announce = *announced;
+  entry.announce.resume.clear();  // No broker writes one.
+  if (const auto resume = json.find("resume"); resume != json.end()) {
+    if (!resume->is_string()) return corrupt("resume");
+    entry.resume = resume->get<std::string>();
+    if (entry.resume.empty() || entry.resume.size() > kMaxProofBytes) return corrupt("resume");
+  }
   return entry;
 }
 

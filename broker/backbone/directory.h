@@ -20,6 +20,7 @@ struct DirectoryEntry {
   std::uint32_t epoch = 0;     ///< Grows with every announcement at any broker.
   bool live = false;           ///< The sender is connected.
   control::Announce announce;  ///< One per epoch and owner.
+  std::string resume = {};     ///< Likewise: Resume::issued. Empty: of an older broker.
   bool operator==(const DirectoryEntry& other) const {
     return owner == other.owner && epoch == other.epoch && live == other.live;
   }

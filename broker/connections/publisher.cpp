@@ -3,11 +3,18 @@
 
 #include <utility>
 
+#include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 
 namespace eigencast::broker {
+namespace {
+
+/// A sender asks whether its surface is here before it announces it.
+constexpr TimeUs kContestUs = 3'000'000;
+
+}  // namespace
 
 Publisher::Publisher(Context& context, Transport transport, GrantPtr grant, std::string stream_name)
     : Connection(context, std::move(transport), std::move(grant),
@@ -23,14 +30,31 @@ void Publisher::on_open() {
   greet();
   const auto stream = context().hub.open(name_);
   if (!stream) return refuse(stream.error(), name_, websocket::CloseCode::kTryAgainLater);
-  const bool replace = context().config.streams.second_sender == "replace";
-  if (auto claimed = (*stream)->claim(*this, replace); !claimed) {
-    log(context().log, LogLevel::kWarning, name() + ": refused, the stream has a sender");
-    return refuse(claimed.error(), name_, websocket::CloseCode::kPolicy);
-  }
-  stream_ = *stream;
+  if (claim(**stream, context().config.streams.second_sender == "replace")) return;
+  contested_until_us_ = context().turn.now_us() + kContestUs;
+}
+
+Result<void> Publisher::claim(Stream& stream, bool replace) {
+  if (auto claimed = stream.claim(*this, replace); !claimed) return claimed;
+  contested_until_us_.reset();
+  stream_ = &stream;
   log(context().log, LogLevel::kInfo, name() + ": connected");
   watchers_ = stream_->watchers();
+  return {};
+}
+
+bool Publisher::claim_contested(const std::string& shown) {
+  contested_until_us_.reset();
+  const auto stream = context().hub.open(name_);
+  if (!stream) {
+    refuse(stream.error(), name_, websocket::CloseCode::kTryAgainLater);
+    return false;
+  }
+  const auto claimed = claim(**stream, is_same_proof(shown, (*stream)->resume()));
+  if (claimed) return true;
+  log(context().log, LogLevel::kWarning, name() + ": refused, the stream has a sender");
+  refuse(claimed.error(), name_, websocket::CloseCode::kPolicy);
+  return false;
 }
 
 void Publisher::on_replaced() {
@@ -55,8 +79,13 @@ void Publisher::on_message(const ControlMessage& message) {
   send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, trace, ping and pong"), name_);
 }
 
-void Publisher::on_announce(const control::Announce& announce) {
-  if (stream_ == nullptr) return;
+void Publisher::on_announce(control::Announce announce) {
+  if (stream_ == nullptr && !contested_until_us_) return;
+  const Identity& identity = grant().identity();
+  Resume resume;
+  const std::string shown = std::exchange(announce.resume, {});
+  if (!shown.empty()) resume.shown = resume_proof(shown, identity.key);
+  if (stream_ == nullptr && !claim_contested(resume.shown)) return;
   const auto answer = [&](const Error& error) {
     log(context().log, LogLevel::kWarning, name() + ": announcement refused, " + error.message);
     send_error(error, name_);
@@ -70,7 +99,9 @@ void Publisher::on_announce(const control::Announce& announce) {
     return answer(fail(ErrorCode::kNotFound,
                        "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
-  const Identity& identity = grant().identity();
+  const auto secret = new_resume_secret();
+  if (!secret) return answer(secret.error());
+  resume.issued = resume_proof(*secret, identity.key);
   const StreamHolder holder{grant().holder(), identity.key.empty() && !identity.local};
   if (auto admitted = context().hub.admit(*stream_, holder, [this] { return grant().hold(Resource::kSentStream); });
       !admitted) {
@@ -78,23 +109,25 @@ void Publisher::on_announce(const control::Announce& announce) {
     return refuse(admitted.error(), name_, websocket::CloseCode::kTryAgainLater);
   }
   // No answer once the connection has ended.
-  const auto granted = [self = weak_from_this(), this, announce](const Result<std::uint32_t>& epoch) {
-    if (const auto alive = self.lock()) begin(announce, epoch);
+  const auto granted = [self = weak_from_this(), this, announce, resume, secret](const Result<std::uint32_t>& epoch) {
+    if (const auto alive = self.lock()) begin(announce, *secret, resume.issued, epoch);
   };
-  context().ownership.claim(name_, announce, granted);
+  context().ownership.claim(name_, announce, resume, granted);
 }
 
-void Publisher::begin(const control::Announce& announce, const Result<std::uint32_t>& epoch) {
+void Publisher::begin(const control::Announce& announce, const std::string& secret, const std::string& proof,
+                      const Result<std::uint32_t>& epoch) {
   if (stream_ == nullptr) return;
   if (!epoch) {
     log(context().log, LogLevel::kWarning, name() + ": refused, " + epoch.error().message);
+    release();  // Before it is closed: the stream is somebody else's.
     return refuse(epoch.error(), name_, websocket::CloseCode::kPolicy);
   }
-  if (auto begun = stream_->announce(announce, *epoch); !begun) return send_error(begun.error(), name_);
+  if (auto begun = stream_->announce(announce, *epoch, proof); !begun) return send_error(begun.error(), name_);
   log(context().log, LogLevel::kInfo,
       name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
-  send(control::Announced{name_, stream_->id(), *epoch});
+  send(control::Announced{name_, stream_->id(), *epoch, secret});
   report_count();
   request_trace();
 }
@@ -117,6 +150,7 @@ void Publisher::on_watcher_count(std::uint32_t count) {
 }
 
 void Publisher::on_tick() {
+  if (contested_until_us_ && context().turn.now_us() > *contested_until_us_) (void)claim_contested({});
   if (!reported_) return;
   report_count();
   request_trace();  // At most once a second, so that changing viewers do not fill the queue.
@@ -134,11 +168,15 @@ void Publisher::request_trace() {
   send(control::TraceRequest{name_, requested_trace_});
 }
 
-void Publisher::on_closed() {
-  if (stream_ == nullptr) return;
+void Publisher::release() {
   Stream* stream = std::exchange(stream_, nullptr);
   stream->release(*this);
   context().hub.unwatched(*stream);
+}
+
+void Publisher::on_closed() {
+  if (stream_ == nullptr) return;
+  release();
   log(context().log, LogLevel::kInfo, name() + ": gone");
 }
 

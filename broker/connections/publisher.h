@@ -27,13 +27,20 @@ class Publisher final : public Connection, public PublisherLink {
   void on_tick() override;
   std::string label() const override;
   std::string stream_name() const override { return name_; }
-  void on_announce(const control::Announce& announce);
-  void begin(const control::Announce& announce, const Result<std::uint32_t>& epoch);
+  Result<void> claim(Stream& stream, bool replace);
+  void on_announce(control::Announce announce);
+  /// REQUIRES: no stream yet. False: refused.
+  bool claim_contested(const std::string& shown);
+  void begin(const control::Announce& announce, const std::string& secret, const std::string& proof,
+             const Result<std::uint32_t>& epoch);
+  void release();
   void report_count();
   void request_trace();
 
   std::string name_;
   Stream* stream_ = nullptr;  ///< Set while this is the stream's publisher.
+  /// Until when it may show that the sender that is there is its own past; nothing: it was let in, or is refused.
+  std::optional<TimeUs> contested_until_us_;
   std::uint32_t watchers_ = 0;
   std::optional<std::uint32_t> reported_;
   std::uint32_t requested_trace_ = 0;

@@ -48,6 +48,13 @@ std::uint32_t epochs_end_by_time(std::uint64_t unix_seconds) {
   return static_cast<std::uint32_t>(epoch_by_time(unix_seconds) + kBlock);
 }
 
+bool is_same_proof(std::string_view a, std::string_view b) {
+  if (a.empty() || a.size() != b.size()) return false;
+  volatile unsigned char differs = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) differs = differs | static_cast<unsigned char>(a[i] ^ b[i]);
+  return differs == 0;
+}
+
 std::optional<std::uint32_t> epoch_from_text(std::string_view text) {
   std::uint32_t epoch = 0;
   const char* const end = text.data() + text.size();

@@ -44,6 +44,17 @@ std::uint32_t epochs_end_by_time(std::uint64_t unix_seconds);
 /// The number that a file of EpochSource's holds. Nothing: it is empty, torn or foreign.
 std::optional<std::uint32_t> epoch_from_text(std::string_view text);
 
+/// A sender shows that a stream is its own by the secret of the stream's last epoch, which it alone was given. Brokers
+/// keep and exchange proofs of secrets
+/// (see resume_proof()).
+struct Resume {
+  std::string shown;   ///< Proof of what the sender announced with; empty: no secret.
+  std::string issued;  ///< Proof of the secret of the epoch that it asks for.
+};
+
+/// In constant time. False if either is empty.
+bool is_same_proof(std::string_view a, std::string_view b);
+
 /// Decides which sender owns a stream and assigns epochs to its announcements, for one broker or several together.
 class Ownership {
  public:
@@ -51,14 +62,17 @@ class Ownership {
 
   virtual ~Ownership() = default;
   /// Calls `granted` once, now or later, on the event loop, with an epoch greater than any earlier one of the stream.
-  /// Errors: kRefused (the stream has a sender at another broker), kIo.
-  virtual void claim(const std::string& stream, const control::Announce& announce, Granted granted) = 0;
+  /// Errors: kRefused (the stream has a sender at another broker, and `resume` shows nothing of it), kIo.
+  virtual void claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
+                     Granted granted) = 0;
 };
 
 class SoleOwnership final : public Ownership {
  public:
   explicit SoleOwnership(std::function<Result<std::uint32_t>()> next_epoch) : next_epoch_(std::move(next_epoch)) {}
-  void claim(const std::string&, const control::Announce&, Granted granted) override { granted(next_epoch_()); }
+  void claim(const std::string&, const control::Announce&, const Resume&, Granted granted) override {
+    granted(next_epoch_());
+  }
 
  private:
   std::function<Result<std::uint32_t>()> next_epoch_;

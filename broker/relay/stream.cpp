@@ -99,6 +99,7 @@ Result<void> Stream::claim(PublisherLink& link, bool replace) {
                     "under another name");
   }
   publisher_ = &link;
+  resume_.clear();
   return {};
 }
 
@@ -115,7 +116,8 @@ void Stream::stall() {
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
 }
 
-Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch) {
+Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch, const std::string& resume) {
+  resume_ = resume;
   auto begun = restore({announce, epoch, true, nullptr});
   if (begun) report_count();
   return begun;

@@ -128,7 +128,9 @@ class Stream {
 
   /// Begins an epoch, or continues the present one from its next join. REQUIRES: the format passed check_format,
   /// epochs do not fall. Errors: kInvalidArgument (codec).
-  Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
+  Result<void> announce(const control::Announce& announce, std::uint32_t epoch, const std::string& resume = {});
+  /// Resume::issued of its publisher; empty: it has not announced.
+  const std::string& resume() const { return resume_; }
 
   /// Takes a binary message of the publisher and delivers the frames that follow from it. Ignores the envelope's stream
   /// id and epoch. Errors, without a change: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md).
@@ -235,6 +237,7 @@ class Stream {
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
   StreamHolder holder_;
+  std::string resume_;
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;

@@ -60,6 +60,7 @@ struct Announce {
   StreamFormat format;
   double key_rate_hz = 0;                    ///< Intended; 0 = unknown.
   std::optional<std::vector<double>> world;  ///< 16 numbers, column-major: scene_from_asset.
+  std::string resume = {};                   ///< That of this sender's last Announced. Secret; empty: none.
 };
 
 /// "announced", broker to sender.
@@ -67,6 +68,7 @@ struct Announced {
   std::string stream;
   std::uint32_t stream_id = 0;
   std::uint32_t epoch = 0;
+  std::string resume = {};  ///< Takes the stream over, see Announce. Secret; empty: an older broker.
 };
 
 /// "subscribers", broker to sender: how many watch now.

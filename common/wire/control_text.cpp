@@ -191,11 +191,13 @@ struct Describe {
   void operator()(control::Announce& m) const {
     surface(m);
     world(m);
+    if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
   }
   void operator()(control::Announced& m) const {
     f.stream_name("stream", m.stream);
     f.integer("stream_id", m.stream_id);
     f.integer("epoch", m.epoch);
+    if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
   }
   void operator()(control::Subscribers& m) const {
     f.stream_name("stream", m.stream);

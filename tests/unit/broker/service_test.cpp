@@ -13,6 +13,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "broker/access/token_file.h"
 #include "common/core/files.h"
 
 namespace eigencast::broker {
@@ -79,11 +80,123 @@ TEST_F(ServiceTest, InterpolationSendsThreePosesPerKey) {
 
 TEST_F(ServiceTest, SecondSenderIsRefused) {
   auto first = sender("a");
-  Client second(port_, "/v1/publish/a");
-  EXPECT_EQ(second.wait_for<control::ErrorMessage>().code, "refused");
-  EXPECT_EQ(second.close_code(), 1008);
+  for (const bool announces : {true, false}) {  // One that says nothing, too, some time later.
+    Client second(port_, "/v1/publish/a");
+    if (announces) second.send(small_announce());
+    EXPECT_EQ(second.wait_for<control::ErrorMessage>().code, "refused");
+    EXPECT_EQ(second.close_code(), 1008);
+  }
   first->send(control::Ping{7, 9});
   EXPECT_EQ(first->wait_for<control::Pong>().id, 7u);
+}
+
+/// Takes streams over, or tries to.
+class ResumeTest : public ServiceTest {
+ protected:
+  std::unique_ptr<Client> announce(const std::string& secret, const std::string& token = {}) const {
+    auto client = std::make_unique<Client>(port_, "/v1/publish/a" + (token.empty() ? "" : "?access_token=" + token));
+    control::Announce message = small_announce();
+    message.asset = asset_;
+    message.resume = secret;
+    client->send(message);
+    return client;
+  }
+  void expect_refused(const std::string& secret, const std::string& token = {}) const {
+    const auto client = announce(secret, token);
+    EXPECT_EQ(client->wait_for<control::ErrorMessage>().code, "refused");
+    EXPECT_EQ(client->close_code(), 1008);
+  }
+};
+
+TEST_F(ResumeTest, SenderTakesItsOwnStreamOver) {
+  auto first = sender("a");
+  const control::Announced before = announced_;
+  EXPECT_EQ(before.resume.size(), 64u);
+  auto second = announce(before.resume);
+  const auto after = second->wait_for<control::Announced>();
+  EXPECT_GT(after.epoch, before.epoch);
+  EXPECT_EQ(after.stream_id, before.stream_id);
+  EXPECT_NE(after.resume, before.resume);
+  EXPECT_EQ(first->close_code(), 4409);
+  FakeSender motion;
+  second->send_frame(motion.next(0));
+  Client viewer(port_, "/v1/subscribe/a?rate=raw");
+  EXPECT_EQ(viewer.wait_for<control::StreamInfo>().epoch, after.epoch);
+  EXPECT_EQ(viewer.next_frame()->envelope.epoch, after.epoch);
+}
+
+TEST_F(ResumeTest, WrongAndOlderSecretsAreRefused) {
+  auto first = sender("a");
+  const std::string older = announced_.resume;
+  auto second = announce(older);
+  const std::string newest = second->wait_for<control::Announced>().resume;
+  std::string other = newest;
+  other.back() = other.back() == '0' ? '1' : '0';
+  for (const std::string& wrong :
+       {older, other, newest.substr(1), newest + "0", std::string("x"), std::string(1000, 'x'), std::string()}) {
+    expect_refused(wrong);
+  }
+  second->send(control::Ping{7, 9});
+  EXPECT_EQ(second->wait_for<control::Pong>().id, 7u) << "its sender does not notice";
+  EXPECT_EQ(announce(newest)->wait_for<control::Announced>().stream, "a");
+}
+
+TEST_F(ResumeTest, NameThatAnotherHoldsIsNotResumed) {
+  auto first = sender("a");
+  const std::string secret = announced_.resume;
+  first.reset();
+  Client holder(port_, "/v1/publish/a");  // It has not announced yet.
+  holder.send(control::Ping{7, 9});
+  holder.wait_for<control::Pong>();
+  expect_refused(secret);
+}
+
+TEST_F(ResumeTest, SecretIsForItsHolderAndTakesTheRight) {
+  const auto one = create_static_token("one", {"a"}, {}, false), two = create_static_token("two", {"a"}, {}, false),
+             three = create_static_token("three", {"b"}, {}, false);
+  std::ofstream(folder_ + "/tokens") << one->line << "\n" << two->line << "\n" << three->line << "\n";
+  asset_ = put_asset("manifest");
+  stop();
+  config_.access.tokens_file = folder_ + "/tokens";
+  start();
+  auto first = announce({}, one->token);
+  const std::string secret = first->wait_for<control::Announced>().resume;
+  expect_refused(secret, two->token);
+  EXPECT_EQ(Client(port_, "/v1/publish/a?access_token=" + three->token).status(), 403);
+  EXPECT_EQ(announce(secret, one->token)->wait_for<control::Announced>().stream, "a");
+}
+
+TEST_F(ResumeTest, SecretIsShownNowhere) {
+  std::mutex mutex;
+  std::string lines;
+  log_ = [&](LogLevel, std::string_view line) {
+    const std::lock_guard lock(mutex);
+    lines += std::string(line) + "\n";
+  };
+  config_.recording.streams = {"**"};
+  stop();
+  start();
+  auto first = sender("a");
+  const std::string secret = announced_.resume;
+  auto second = announce(secret);
+  const std::string newest = second->wait_for<control::Announced>().resume;
+  expect_refused(secret);
+  Client viewer(port_, "/v1/subscribe/a?rate=raw");
+  FakeSender motion;
+  second->send_frame(motion.next(0));
+  EXPECT_NE(viewer.next_frame(), nullptr);
+  std::string shown = request("GET", "/v1/streams").body;
+  for (const char* path : {"/api/clients", "/api/streams", "/metrics"}) {
+    shown += http_request(admin_port_, "GET", path).body;
+  }
+  stop();
+  for (const auto& file : fs::recursive_directory_iterator(folder_)) {
+    if (file.is_regular_file()) shown += *read_file(file.path(), 1 << 20);
+  }
+  shown += lines;
+  EXPECT_NE(shown.find("manifest"), std::string::npos);
+  EXPECT_EQ(shown.find(secret), std::string::npos);
+  EXPECT_EQ(shown.find(newest), std::string::npos);
 }
 
 TEST_F(ServiceTest, MalformedFrameClosesOnlyItsSender) {

@@ -17,6 +17,7 @@ namespace {
 using namespace control;
 
 const std::string kAsset(64, 'a');
+const std::string kSecret(64, '5');
 const StreamFormat kFormat{200, 3, {14, 54, 104, 200}, "quantised"};
 
 /// One of each message, in the order of tests/golden/control.jsonl.
@@ -26,7 +27,9 @@ std::vector<ControlMessage> samples() {
       Welcome{"0.1.0", "b6e1", 1'700'000'000'000'000},
       Announce{kAsset, kFormat, 30, std::nullopt},
       Announce{kAsset, {8, 4, {8}, "float64"}, 29.97, world},
+      Announce{kAsset, {8, 3, {8}, "float32"}, 0, std::nullopt, kSecret},
       Announced{"lab/horse", 7, 3},
+      Announced{"lab/horse", 7, 4, kSecret},
       Subscribers{"lab/horse", 12},
       Subscribe{"lab/horse", {Profile::Rate::kRaw, 3, Profile::Form::kFull, 8}},
       Subscribe{"lab/horse", {Profile::Rate::kInterpolated, 5, Profile::Form::kCompact, 2}},

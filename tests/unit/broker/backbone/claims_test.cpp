@@ -136,6 +136,87 @@ TEST_F(ClaimsTest, StreamOfDeadBrokerIsTakenOver) {
   EXPECT_EQ(viewer.undecodable, 0);
 }
 
+std::string proof(int number) {
+  return number == 0 ? std::string() : "proof of secret " + std::to_string(number);
+}
+
+/// With the proofs of secrets 1, 2, ... of one after the other.
+class ResumeClaimsTest : public ClaimsTest {
+ protected:
+  /// The secret `shown` (0: none) in return for secret `issued`.
+  SiteSender& announce(Site& site, int shown, int issued) {
+    SiteSender& sender = new_sender();
+    sender.publish(site, "s", site.put(content(9, 10)), {proof(shown), proof(issued)});
+    network.run();
+    return sender;
+  }
+};
+
+TEST_F(ResumeClaimsTest, LivingSenderDoesNotWaitForTheLease) {
+  add_site("c");
+  pass(6'000'000);
+  SiteSender& first = announce(a(), 0, 1);
+  ASSERT_TRUE(*first.granted);
+  FakeReceiver& at_b = new_viewer();
+  FakeReceiver& at_c = new_viewer();
+  watch(b(), at_b);
+  watch(*sites[2], at_c);
+  pass(100'000);
+  send(first);
+  ASSERT_EQ(at_c.infos.back().epoch, **first.granted);
+  a().link.cut();
+  SiteSender& second = announce(b(), 1, 2);
+  ASSERT_TRUE(second.granted.has_value());
+  ASSERT_TRUE(*second.granted) << second.granted->error().message;
+  EXPECT_GT(**second.granted, **first.granted);
+  pass(100'000);
+  send(second);
+  for (const FakeReceiver* viewer : {&at_b, &at_c}) {
+    EXPECT_EQ(viewer->infos.back().epoch, **second.granted);
+    EXPECT_EQ(viewer->infos.back().state, State::kLive);
+    EXPECT_EQ(viewer->undecodable, 0);
+  }
+  EXPECT_EQ(at_b.poses.back().key, at_c.poses.back().key);
+}
+
+TEST_F(ResumeClaimsTest, ItsOwnPastAtALivingBrokerIsDismissed) {
+  SiteSender& first = announce(a(), 0, 1);
+  SiteSender& second = announce(b(), 1, 2);
+  ASSERT_TRUE(*second.granted);
+  pass(100'000);
+  EXPECT_TRUE(first.replaced);
+  SiteSender& third = announce(a(), 2, 3);
+  ASSERT_TRUE(*third.granted) << "and back";
+  EXPECT_GT(**third.granted, **second.granted);
+}
+
+TEST_F(ResumeClaimsTest, OtherSecretsWaitForTheLease) {
+  ASSERT_TRUE(*announce(a(), 0, 1).granted);
+  ASSERT_TRUE(*announce(b(), 1, 2).granted);
+  pass(6'000'000);
+  b().link.cut();
+  for (const int shown : {0, 1, 3}) {
+    const SiteSender& thief = announce(a(), shown, 4);
+    ASSERT_TRUE(thief.granted.has_value());
+    ASSERT_FALSE(*thief.granted) << "none, of an older epoch, wrong";
+    EXPECT_EQ(thief.granted->error().code, ErrorCode::kRefused);
+  }
+  pass(Directory::kHeartbeatTimeoutUs + 100'000);
+  EXPECT_TRUE(*announce(a(), 0, 4).granted);
+}
+
+TEST_F(ResumeClaimsTest, ProofSurvivesALostDirectory) {
+  SiteSender& first = announce(a(), 0, 1);
+  ASSERT_TRUE(*first.granted);
+  network.lose_table();
+  for (const auto& site : sites) site->link.cut();
+  pass(100'000);
+  for (const auto& site : sites) site->link.connect();
+  pass(1'000'000);
+  EXPECT_FALSE(*announce(b(), 2, 3).granted);
+  EXPECT_TRUE(*announce(b(), 1, 3).granted);
+}
+
 TEST_F(ClaimsTest, OneSenderStaysAfterPartition) {
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();

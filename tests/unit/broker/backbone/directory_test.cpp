@@ -20,6 +20,13 @@ TEST(Directory, EntriesRoundTrip) {
   EXPECT_EQ(read->epoch, entry.epoch);
   EXPECT_EQ(read->announce.asset, entry.announce.asset);
   EXPECT_EQ(read->announce.format, entry.announce.format);
+  EXPECT_EQ(read->resume, "") << "as older brokers write it";
+  entry.resume = std::string(64, '7');
+  entry.announce.resume = "secret";
+  const auto again = entry_from_text(text_from_entry(entry));
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(again->resume, entry.resume);
+  EXPECT_EQ(again->announce.resume, "");
 }
 
 TEST(Directory, TruncatedEntriesAreRefused) {
@@ -43,6 +50,8 @@ TEST(Directory, HostileEntriesAreRefused) {
   EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"\"")));
   EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"" + std::string(65, 'x') + "\"")));
   EXPECT_FALSE(entry_from_text(with("quantised", "quantized")));
+  EXPECT_FALSE(entry_from_text(with("\"live\":", "\"resume\":1,\"live\":")));
+  EXPECT_FALSE(entry_from_text(with("\"live\":", "\"resume\":\"\",\"live\":")));
   EXPECT_FALSE(entry_from_text(std::string(100'000, ' ')));
 }
 

@@ -55,17 +55,17 @@ Sha256 Site::put(const Bytes& bytes) {
   return id;
 }
 
-void SiteSender::publish(Site& site, const std::string& name, const Sha256& asset) {
+void SiteSender::publish(Site& site, const std::string& name, const Sha256& asset, const Resume& resume) {
   stream = site.hub->open(name).value();
   claimed = stream->claim(*this);
   if (!claimed) return;
   control::Announce announce = small_announce();
   announce.asset = asset.hex();
-  site.backbone->claim(name, announce, [this, announce](const Result<std::uint32_t>& epoch) {
+  site.backbone->claim(name, announce, resume, [this, announce, resume](const Result<std::uint32_t>& epoch) {
     granted = epoch;
     if (!epoch) return stream->release(*this);
     begin_anew();
-    EXPECT_TRUE(stream->announce(announce, *epoch));
+    EXPECT_TRUE(stream->announce(announce, *epoch, resume.issued));
   });
 }
 

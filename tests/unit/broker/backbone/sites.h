@@ -46,7 +46,7 @@ class Site {
 /// A sender at a site: what broker/connections/publisher does, without the connection.
 struct SiteSender : FakeSender {
   void on_replaced() override { replaced = true; }
-  void publish(Site& site, const std::string& name, const Sha256& asset);
+  void publish(Site& site, const std::string& name, const Sha256& asset, const Resume& resume = {});
   void leave() { stream->release(*this); }
 
   Stream* stream = nullptr;

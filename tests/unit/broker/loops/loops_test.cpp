@@ -115,6 +115,7 @@ TEST_F(LoopsTest, SecondSenderIsRefusedOrReplacesFirst) {
   auto first = sender("a");
   auto all = viewers(3);
   Client second(port_, "/v1/publish/a");
+  second.send(small_announce());
   EXPECT_EQ(second.wait_for<control::ErrorMessage>().code, "refused");
   EXPECT_EQ(second.close_code(), 1008);
   stop();

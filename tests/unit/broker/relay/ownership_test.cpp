@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "broker/access/resume_secret.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -23,6 +25,21 @@ struct Life {
   std::vector<std::uint32_t> asked;
   EpochSource epochs;
 };
+
+TEST(Resume, ProofsAreOfOneSecretAndOneToken) {
+  const std::string secret = *new_resume_secret(), other = *new_resume_secret();
+  EXPECT_EQ(secret.size(), 64u);
+  EXPECT_NE(secret, other);
+  const std::string proof = resume_proof(secret, "jwt k camera");
+  EXPECT_TRUE(is_same_proof(proof, resume_proof(secret, "jwt k camera")));
+  EXPECT_FALSE(is_same_proof(proof, resume_proof(other, "jwt k camera")));
+  EXPECT_FALSE(is_same_proof(proof, resume_proof(secret, "jwt k camera-2")));
+  EXPECT_FALSE(is_same_proof(proof, resume_proof(secret, "")));
+  EXPECT_FALSE(is_same_proof(proof, resume_proof(secret + "jwt k camera", "")));
+  EXPECT_FALSE(is_same_proof(proof, ""));
+  EXPECT_FALSE(is_same_proof(proof, proof.substr(1)));
+  EXPECT_FALSE(is_same_proof("", "")) << "older brokers' streams have none";
+}
 
 TEST(EpochSourceTest, EpochsGrowAcrossCrashesAndClockSteps) {
   std::uint32_t disk = 0, last = 0;
