@@ -37,7 +37,10 @@ Result<Writer> Writer::create(const std::string& path, const Start& start) {
     out.text(text);
   }
   writer.append(Type::kStart, 0, body);
-  if (auto written = writer.flush(); !written) return written.error();
+  if (auto written = writer.flush(); !written) {
+    ::unlink(path.c_str());  // No recording, and nothing to repair.
+    return written.error();
+  }
   return writer;
 }
 

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <optional>
 
 #include "common/recording/reader.h"
 #include "common/recording/writer.h"
@@ -214,14 +215,39 @@ TEST_F(RecordingTest, TimesNeverGoBack) {
   EXPECT_EQ(records.back().time_us, 500);
 }
 
+/// Files take no more than so many bytes.
+class FullDisk {
+ public:
+  explicit FullDisk(rlim_t bytes) : ignored_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit small{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &small);
+  }
+  ~FullDisk() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, ignored_);
+  }
+  FullDisk(const FullDisk&) = delete;
+  FullDisk& operator=(const FullDisk&) = delete;
+
+ private:
+  void (*ignored_)(int);
+  rlimit before_{};
+};
+
+TEST_F(RecordingTest, FullDiskLeavesNoFileWithoutABeginning) {
+  {
+    const FullDisk full(4);
+    EXPECT_EQ(Writer::create(path_, {"a", "b", 0}).error().code, ErrorCode::kIo);
+  }
+  EXPECT_FALSE(std::filesystem::exists(path_));
+  EXPECT_TRUE(Writer::create(path_, {"a", "b", 0}));
+}
+
 TEST_F(RecordingTest, FullDiskEndsAtAWholeRecord) {
   auto made = Writer::create(path_, {"a", "b", 0});
   ASSERT_TRUE(made);
-  rlimit before{};
-  getrlimit(RLIMIT_FSIZE, &before);
-  const auto ignored = std::signal(SIGXFSZ, SIG_IGN);
-  rlimit small{5000, before.rlim_max};
-  setrlimit(RLIMIT_FSIZE, &small);
+  std::optional<FullDisk> full(5000);
   ASSERT_TRUE(made->announce(0, "x"));
   Result<void> written;
   for (int i = 0; i < 100 && written; ++i) {
@@ -231,8 +257,7 @@ TEST_F(RecordingTest, FullDiskEndsAtAWholeRecord) {
   ASSERT_FALSE(written);
   EXPECT_EQ(written.error().code, ErrorCode::kIo);
   EXPECT_FALSE(made->finish()) << "takes nothing more";
-  setrlimit(RLIMIT_FSIZE, &before);
-  std::signal(SIGXFSZ, ignored);
+  full.reset();
   auto reader = Reader::open(path_);
   ASSERT_TRUE(reader);
   EXPECT_EQ(reader->info().torn_bytes, 0u);
