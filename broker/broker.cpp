@@ -299,8 +299,8 @@ void Broker::drain() {
       "stopping: " + std::to_string(websockets()) + " connections are asked to reconnect");
   service_manager::notify("STOPPING=1");
   data_listener_.close();
-  if (member_) member_->stop();
   const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config().timeouts.shutdown_ms);
+  if (member_) member_->stop();
   const auto spread_ms =
       static_cast<std::uint32_t>(std::clamp<std::uint64_t>(websockets() * 1000 / kReturnsPerSecond, 200, 30'000));
   loops_.for_each_loop([spread_ms](Context& each) { send_bye_to_all(each, spread_ms); }, [] {});

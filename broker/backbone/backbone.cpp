@@ -11,11 +11,7 @@ namespace {
 constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 /// Retry delay after another broker changed the row first: its change is on its way.
 constexpr TimeUs kOvertakenUs = 50'000;
-constexpr TimeUs kForgetEveryUs = 60'000'000;
-
-Bytes message_from_text(std::string_view text) {
-  return {text.begin(), text.end()};
-}
+constexpr TimeUs kForgetEveryUs = 10'000'000;
 
 std::string text_from_message(ByteView bytes) {
   return {bytes.begin(), bytes.end()};
@@ -53,13 +49,13 @@ void Backbone::start(Hub& hub) {
   hub_ = &hub;
   following_.start(hub);
   link_.start(*this);
-  const auto heard = [this](Bytes message) {
-    if (message.empty()) return;
-    const std::string broker = text_from_message(ByteView(message).subspan(1));
-    if (message[0] == '-') return directory_.note_stopped(broker);
+  const std::string alive = settings_.prefix + ".alive.";
+  const auto heard = [this, alive](const std::string& subject, const Bytes& message) {
+    const std::string broker = subject.substr(alive.size());
+    if (message == Bytes{'-'}) return directory_.note_stopped(broker);
     directory_.note_heartbeat(broker, environment_.now_us());
   };
-  listening_ = {link_.subscribe(settings_.prefix + ".alive", heard),
+  listening_ = {link_.subscribe(alive + ">", heard),
                 link_.serve(settings_.prefix + ".joins." + settings_.id,
                             [this](Bytes request, Link::Reply reply) { answer_join(request, reply); })};
   assets_.serve(settings_.id);
@@ -71,7 +67,7 @@ void Backbone::stop() {
     own.entry.live = false;
     write(name, own.entry);
   }
-  link_.publish(settings_.prefix + ".alive", message_from_text("-" + settings_.id));
+  link_.publish(settings_.prefix + ".alive." + settings_.id, {'-'});
   link_.stop();
   assets_.stop();
   listening_.clear();
@@ -92,7 +88,7 @@ void Backbone::send_heartbeat() {
   if (!connected_ || now < next_heartbeat_us_) return;
   const bool has_streams = !own_.empty() || !claims_.empty();
   next_heartbeat_us_ = now + settings_.heartbeat_every_us * (has_streams ? 1 : directory_.heartbeat_periods());
-  link_.publish(settings_.prefix + ".alive", message_from_text("+" + settings_.id));
+  link_.publish(settings_.prefix + ".alive." + settings_.id, {'+'});
 }
 
 void Backbone::on_connected() {
@@ -123,20 +119,24 @@ void Backbone::on_new_table() {
 
 void Backbone::on_table_read() {
   table_read_ = true;
+  directory_.end_reading();
   settled_ = false;
   writing_.clear();
   environment_.inform("connected, " + std::to_string(directory_.streams().size()) + " streams are known");
   reconcile();
 }
 
-void Backbone::on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) {
+void Backbone::on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision,
+                      const std::string& from) {
   const auto name = stream_from_token(key);
   if (!name) return;
-  if (auto taken = directory_.take(*name, text, revision); !taken) {
-    environment_.warn("stream '" + *name + "': " + taken.error().message);
+  if (auto taken = directory_.take(*name, text, revision, environment_.now_us(), from); !taken) {
+    return environment_.warn("stream '" + *name + "': " + taken.error().message);
   }
   settled_ = false;
-  if (table_read_) reconcile();
+  // The rest waits for the next tick.
+  const bool used_here = own_.contains(*name) || claims_.contains(*name) || hub_->find(*name) != nullptr;
+  if (table_read_ && used_here) reconcile();
 }
 
 void Backbone::reconcile() {
@@ -186,7 +186,7 @@ void Backbone::reconcile_own() {
   }
 }
 
-/// Removes entries of brokers that stopped long ago.
+/// Removes entries of brokers that stopped long ago, and of streams that ended here.
 void Backbone::forget() {
   const TimeUs now = environment_.now_us();
   if (now < next_forget_us_) return;
@@ -258,10 +258,12 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
                     if (hub_ == nullptr) return;
                     if (result) {
                       writing_.erase(name);
-                      (void)directory_.take(name, text, *result);  // Cannot fail: the text was just generated.
+                      // Cannot fail: the text was just generated.
+                      (void)directory_.take(name, text, *result, environment_.now_us(), settings_.id);
                     } else {
                       const bool overtaken = result.error().code == ErrorCode::kRefused;
                       writing_[name] = environment_.now_us() + (overtaken ? kOvertakenUs : settings_.retry_us);
+                      if (overtaken) directory_.drop_removed(name);
                     }
                     if (written) written(result);
                   });
@@ -279,7 +281,7 @@ void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
   if (found == own_.end()) return;
   found->second.newest = record;
   if (!connected_) return;
-  link_.publish(settings_.prefix + ".frames." + token_from_stream(stream.name()),
+  link_.publish(settings_.prefix + ".frames." + settings_.id + "." + token_from_stream(stream.name()),
                 message_of(record->join ? FrameKind::kJoin : FrameKind::kKey, record->bands, stream.epoch(), *record,
                            record->payload));
   ++totals_.frames_published;
@@ -315,9 +317,10 @@ Backbone::Totals Backbone::totals() const {
   totals.connected = connected_;
   totals.brokers = directory_.brokers(environment_.now_us());
   totals.streams_followed = following_.size();
+  const TimeUs now = environment_.now_us();
   totals.streams_known = static_cast<std::uint64_t>(
       std::count_if(directory_.streams().begin(), directory_.streams().end(),
-                    [](const auto& item) { return item.second.entry && item.second.entry->live; }));
+                    [&](const auto& item) { return directory_.live(item.first, now) != nullptr; }));
   totals.asset_bytes_fetched = assets_.fetched_bytes();
   return totals;
 }

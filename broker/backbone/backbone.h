@@ -75,7 +75,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void on_connected() override;
   void on_disconnected(const std::string& why) override;
   void on_new_table() override;
-  void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) override;
+  void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision,
+              const std::string& from) override;
   void on_table_read() override;
 
   void reconcile();

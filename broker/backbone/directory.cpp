@@ -7,9 +7,10 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::size_t kMaxEntryBytes = 65'536;
-constexpr std::size_t kMaxOwnerBytes = 64;
+constexpr std::size_t kMaxEntryBytes = 8'192;
+constexpr std::size_t kMaxIdBytes = 64;
 constexpr std::size_t kMaxProofBytes = 128;
+constexpr TimeUs kMakeRoomEveryUs = 1'000'000;
 
 Error corrupt(const std::string& why) {
   return fail(ErrorCode::kCorrupt, "an entry of the directory of streams cannot be read (" + why +
@@ -39,7 +40,7 @@ Result<DirectoryEntry> entry_from_text(std::string_view text) {
   if (!whole) return corrupt("a field is missing");
   DirectoryEntry entry;
   entry.owner = owner->get<std::string>();
-  if (entry.owner.empty() || entry.owner.size() > kMaxOwnerBytes) return corrupt("owner");
+  if (!is_broker_id(entry.owner)) return corrupt("owner");
   if (epoch->get<std::uint64_t>() == 0 || epoch->get<std::uint64_t>() > UINT32_MAX) return corrupt("epoch");
   entry.epoch = epoch->get<std::uint32_t>();
   entry.live = live->get<bool>();
@@ -74,27 +75,117 @@ std::optional<std::string> stream_from_token(std::string_view token) {
   return name;
 }
 
-Result<void> Directory::take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision) {
-  Known& known = streams_[std::string(stream)];
-  if (revision <= known.revision) return {};
-  known.revision = revision;
-  if (!text) {
-    known.entry.reset();
-    return {};
+bool is_broker_id(std::string_view id) {
+  constexpr std::string_view kAllowed = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_.";
+  return !id.empty() && id.size() <= kMaxIdBytes && id.find_first_not_of(kAllowed) == std::string_view::npos &&
+         id.front() != '.' && id.back() != '.' && id.find("..") == std::string_view::npos;
+}
+
+std::string_view name_of_broker(std::string_view id) {
+  return id.substr(0, id.find('.'));
+}
+
+Result<void> Directory::take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision,
+                             TimeUs now_us, std::string_view from) {
+  const bool of_table = from.empty();
+  const auto found = streams_.find(stream);
+  const bool is_new = found == streams_.end();
+  // What a broker said of the table is void if the table still says otherwise at its next reading.
+  const bool due = of_table && !is_new && found->second.reading < reading_;
+  if (!is_new && revision <= found->second.revision && !due) return {};
+  const std::string before = is_new || !found->second.entry ? std::string() : found->second.entry->owner;
+  std::optional<DirectoryEntry> entry;
+  Result<void> read;
+  if (text) {
+    auto parsed = entry_from_text(*text);
+    if (parsed) entry = std::move(*parsed);
+    if (!parsed) read = parsed.error();
   }
-  auto entry = entry_from_text(*text);
-  if (!entry) return entry.error();
-  known.entry = std::move(*entry);
+  if (!of_table) {
+    if (!read) return read;
+    const bool may = entry ? entry->owner == from : before.empty() || before == from || !is_alive(before, now_us);
+    if (!may) return fail(ErrorCode::kRefused, "broker " + std::string(from) + " claims it for another one");
+  }
+  if (!has_room(is_new, entry, before, now_us)) {
+    return fail(ErrorCode::kTooLarge, "there are too many streams in the cluster, or at one broker");
+  }
+  Known& known = streams_[std::string(stream)];
+  known.revision = revision;
+  known.reading = reading_;
+  if (!read) return read;
+  known.since_us = now_us;
+  set(known, std::move(entry));
   return {};
 }
 
+bool Directory::has_room(bool is_new, const std::optional<DirectoryEntry>& entry, std::string_view owner_before,
+                         TimeUs now_us) {
+  if (entry && entry->owner == self_) return true;  // limits.max_streams bounds these.
+  const auto is_full = [&] {
+    if (is_new && streams_.size() >= kMaxStreams) return true;
+    if (!entry || name_of_broker(entry->owner) == name_of_broker(owner_before)) return false;
+    const auto count = streams_of_.find(name_of_broker(entry->owner));
+    return count != streams_of_.end() && count->second >= kMaxStreamsPerName;
+  };
+  if (!is_full()) return true;
+  if (now_us < next_room_us_) return false;
+  next_room_us_ = now_us + kMakeRoomEveryUs;
+  for (auto it = streams_.begin(); it != streams_.end();) {
+    it = it->second.entry && is_alive(it->second.entry->owner, now_us) ? std::next(it) : erase(it);
+  }
+  return !is_full();
+}
+
+void Directory::set(Known& known, std::optional<DirectoryEntry> entry) {
+  if (known.entry) {
+    const auto count = streams_of_.find(name_of_broker(known.entry->owner));
+    if (--count->second == 0) streams_of_.erase(count);
+  }
+  known.entry = std::move(entry);
+  if (known.entry) ++streams_of_[std::string(name_of_broker(known.entry->owner))];
+}
+
+Directory::Streams::iterator Directory::erase(Streams::iterator found) {
+  set(found->second, std::nullopt);
+  return streams_.erase(found);
+}
+
+void Directory::end_reading() {
+  for (auto it = streams_.begin(); it != streams_.end();)
+    it = it->second.reading < reading_ ? erase(it) : std::next(it);
+  ++reading_;
+}
+
+void Directory::drop_removed(std::string_view stream) {
+  if (const auto found = streams_.find(stream); found != streams_.end() && !found->second.entry) streams_.erase(found);
+}
+
+void Directory::restart() {
+  streams_.clear();
+  streams_of_.clear();
+}
+
 void Directory::note_heartbeat(std::string_view broker, TimeUs now_us) {
-  if (broker.empty() || broker.size() > kMaxOwnerBytes) return;
+  if (!is_broker_id(broker)) return;
   const auto found = last_heartbeat_us_.find(broker);
   if (found != last_heartbeat_us_.end()) {
     found->second = now_us;
-  } else if (last_heartbeat_us_.size() < kMaxBrokers) {
-    last_heartbeat_us_.emplace(broker, now_us);
+    return;
+  }
+  const std::string name(name_of_broker(broker));
+  auto oldest = last_heartbeat_us_.end();
+  std::size_t runs = 0;
+  for (auto it = last_heartbeat_us_.lower_bound(name + "."); it != last_heartbeat_us_.end(); ++it, ++runs) {
+    if (name_of_broker(it->first) != name) break;
+    if (oldest == last_heartbeat_us_.end() || it->second < oldest->second) oldest = it;
+  }
+  if (runs >= kMaxRuns) last_heartbeat_us_.erase(oldest);
+  if (last_heartbeat_us_.size() < kMaxBrokers) last_heartbeat_us_.emplace(broker, now_us);
+}
+
+void Directory::note_stopped(std::string_view broker) {
+  if (const auto found = last_heartbeat_us_.find(broker); found != last_heartbeat_us_.end()) {
+    last_heartbeat_us_.erase(found);
   }
 }
 
@@ -131,7 +222,11 @@ std::vector<std::string> Directory::forgotten(TimeUs now_us) const {
   std::vector<std::string> names;
   if (now_us - began_us_ < kForgetUs) return names;
   for (const auto& [name, known] : streams_) {
-    if (!known.entry || known.entry->owner == self_) continue;
+    if (!known.entry) continue;
+    if (known.entry->owner == self_) {
+      if (!known.entry->live && now_us - known.since_us > kForgetUs) names.push_back(name);
+      continue;
+    }
     const auto heard = last_heartbeat_us_.find(known.entry->owner);
     if (heard == last_heartbeat_us_.end() || now_us - heard->second > kForgetUs) names.push_back(name);
   }

@@ -35,8 +35,13 @@ Result<DirectoryEntry> entry_from_text(std::string_view text);
 std::string token_from_stream(std::string_view name);
 std::optional<std::string> stream_from_token(std::string_view token);
 
+/// Whether it can be a broker's id, as a part of NATS subjects: NAME.RUN, at most 64 of letters, digits, '-' and '_'.
+/// Permissions of NATS pin a broker to its name; each run of it has an id of its own.
+bool is_broker_id(std::string_view id);
+std::string_view name_of_broker(std::string_view id);
+
 /// This broker's copy of the shared directory: entries of streams with their revisions, and the brokers' last
-/// heartbeats. Not thread-safe.
+/// heartbeats. Its size is bounded, whatever other brokers say. Not thread-safe.
 class Directory {
  public:
   /// A broker without a heartbeat for this long counts as gone; its streams may be claimed by others.
@@ -46,23 +51,35 @@ class Directory {
   /// Target number of heartbeats per period from brokers without streams.
   static constexpr std::size_t kHeartbeatsPerPeriod = 100;
   static constexpr std::size_t kMaxBrokers = 200'000;  ///< More are ignored.
+  static constexpr std::size_t kMaxRuns = 256;         ///< Of a broker's name, those heard last.
+  /// More are ignored: streams of all brokers, and of one name of them. Those of gone brokers make room.
+  static constexpr std::size_t kMaxStreams = 65'536, kMaxStreamsPerName = 16'384;
 
   struct Known {
     std::optional<DirectoryEntry> entry;  ///< Nothing: removed.
     std::uint64_t revision = 0;
+    TimeUs since_us = 0;        ///< Of its last change.
+    std::uint64_t reading = 0;  ///< Of the table, in which it was last heard of.
   };
 
   /// self  this broker's id, unique per run
   Directory(std::string self, TimeUs now_us) : self_(std::move(self)), began_us_(now_us) {}
 
-  /// No `text`: a removal. Ignores outdated revisions. Errors: kCorrupt (the entry is unchanged).
-  Result<void> take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision);
+  /// No `text`: a removal. `from`: the broker that says so; empty: the table. A broker speaks for itself, or removes
+  /// what a gone one owned. Ignores outdated revisions. Errors (the entry is unchanged): kCorrupt, kRefused (it speaks
+  /// for another one), kTooLarge (too many streams).
+  Result<void> take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision,
+                    TimeUs now_us, std::string_view from = {});
+  /// All rows of the table have been taken: what was not among them since the last call is void.
+  void end_reading();
+  /// The table holds no trace of a removed entry, or another revision.
+  void drop_removed(std::string_view stream);
   /// The table's revisions start anew.
-  void restart() { streams_.clear(); }
+  void restart();
   void note_heartbeat(std::string_view broker, TimeUs now_us);
   /// Forgets brokers that have been silent for long; ids are not reused.
   void forget_silent(TimeUs now_us);
-  void note_stopped(std::string_view broker) { last_heartbeat_us_.erase(std::string(broker)); }
+  void note_stopped(std::string_view broker);
 
   /// This broker always is, others are after a heartbeat within kHeartbeatTimeoutUs, and all that long after
   /// listening began.
@@ -75,7 +92,7 @@ class Directory {
   const DirectoryEntry* live(std::string_view stream, TimeUs now_us) const;
   /// The revision that a change of the entry must expect; 0: never written.
   std::uint64_t revision(std::string_view stream) const;
-  /// Streams whose entries are to be removed because their brokers stopped long ago.
+  /// Streams whose entries are to be removed: their brokers stopped long ago, or they ended here.
   std::vector<std::string> forgotten(TimeUs now_us) const;
 
   /// Periods between two heartbeats of a broker without streams; grows with their number, to bound the traffic.
@@ -86,9 +103,16 @@ class Directory {
   const std::map<std::string, Known, std::less<>>& streams() const { return streams_; }
 
  private:
+  using Streams = std::map<std::string, Known, std::less<>>;
+  bool has_room(bool is_new, const std::optional<DirectoryEntry>& entry, std::string_view owner_before, TimeUs now_us);
+  void set(Known& known, std::optional<DirectoryEntry> entry);
+  Streams::iterator erase(Streams::iterator found);
+
   std::string self_;
-  TimeUs began_us_;
-  std::map<std::string, Known, std::less<>> streams_;
+  TimeUs began_us_, next_room_us_ = 0;
+  std::uint64_t reading_ = 1;
+  Streams streams_;
+  std::map<std::string, std::size_t, std::less<>> streams_of_;  ///< By name of their brokers.
   std::map<std::string, TimeUs, std::less<>> last_heartbeat_us_;
 };
 

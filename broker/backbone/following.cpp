@@ -68,9 +68,8 @@ void Following::stop_unwanted(const Directory& directory, bool complete) {
   const TimeUs now = environment_.now_us();
   std::vector<std::string> over;
   for (const auto& [name, remote] : remotes_) {
-    const Directory::Known* known = directory.find(name);
-    const bool same = known != nullptr && known->entry && known->entry->live &&
-                      known->entry->owner == remote->entry.owner && known->entry->epoch == remote->entry.epoch;
+    const DirectoryEntry* holder = directory.live(name, now);
+    const bool same = holder != nullptr && holder->owner == remote->entry.owner && holder->epoch == remote->entry.epoch;
     if (remote->stream != nullptr && remote->stream->watchers() > 0) remote->watched_us = now;
     const bool wanted = now - remote->watched_us < settings_.linger_us;
     if (remote->stream == nullptr || !wanted || (complete && !same)) over.push_back(name);
@@ -147,10 +146,12 @@ void Following::begin(const RemotePtr& remote) {
   environment_.inform("stream '" + stream.name() + "' of broker " + remote->entry.owner + " is followed, epoch " +
                       std::to_string(remote->entry.epoch));
   remote->phase = Remote::Phase::kFollowing;
-  remote->subscription = link_.subscribe(settings_.prefix + ".frames." + token_from_stream(stream.name()),
-                                         [this, weak = std::weak_ptr(remote)](Bytes message) {
-                                           if (const auto still = weak.lock()) take(*still, std::move(message));
-                                         });
+  const std::string frames =
+      settings_.prefix + ".frames." + remote->entry.owner + "." + token_from_stream(stream.name());
+  remote->subscription =
+      link_.subscribe(frames, [this, weak = std::weak_ptr(remote)](const std::string&, Bytes message) {
+        if (const auto still = weak.lock()) take(*still, std::move(message));
+      });
 }
 
 void Following::ask_join(const RemotePtr& remote) {

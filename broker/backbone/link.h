@@ -25,27 +25,29 @@ class Link {
     virtual void on_disconnected(const std::string& why) = 0;
     /// The table was replaced (lost or removed): earlier rows are void.
     virtual void on_new_table() = 0;
-    /// No `text`: a removal.
-    virtual void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) = 0;
+    /// No `text`: a removal. `from`: the broker that says so, by the subject of its message; empty: the table.
+    virtual void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision,
+                        const std::string& from) = 0;
     /// on_row() has been called for all rows that the table had at connection.
     virtual void on_table_read() = 0;
   };
 
-  using Handler = std::function<void(Bytes message)>;
+  using Handler = std::function<void(const std::string& subject, Bytes message)>;
   using Answer = std::function<void(Result<Bytes>)>;
   /// Sends the answer to a request; thread-safe.
   using Reply = std::function<void(Bytes message)>;
   using OnRequest = std::function<void(Bytes message, Reply reply)>;
 
   virtual ~Link() = default;
-  /// Connects, with retries. `listener` outlives stop().
+  /// Connects, with retries, and does not wait for it. `listener` outlives stop().
   virtual void start(Listener& listener) = 0;
-  /// No handler is called after it returns.
+  /// Sends what waits, for a second or timeouts.shutdown_ms at most. No handler is called after it returns.
   virtual void stop() = 0;
 
   /// Drops the message without a connection or if too many wait.
   virtual void publish(const std::string& subject, Bytes message) = 0;
-  /// Messages of the subject from now on, in each broker's order. Destroying the result ends the subscription.
+  /// Messages of the subject (PREFIX.>: of all below it) from now on, in each broker's order. Destroying the result
+  /// ends the subscription.
   virtual std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) = 0;
   /// Answers requests on the subject; lifetime as subscribe().
   virtual std::shared_ptr<void> serve(const std::string& subject, OnRequest on_request) = 0;

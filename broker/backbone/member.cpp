@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "broker/backbone/member.h"
 
+#include <unistd.h>
+
 #include <boost/asio/post.hpp>
+#include <cctype>
 #include <chrono>
 #include <ctime>
 #include <fstream>
@@ -14,6 +17,17 @@ namespace {
 
 /// Period of reconciliation without events.
 constexpr auto kTick = std::chrono::milliseconds(25);
+
+/// The setting, or the host's name as far as it fits.
+std::string name_of(const Config& config) {
+  if (!config.backbone.name.empty()) return config.backbone.name;
+  char host[33] = {};
+  (void)::gethostname(host, sizeof host - 1);
+  for (char& c : host) {
+    if (c != 0 && std::isalnum(static_cast<unsigned char>(c)) == 0) c = '-';
+  }
+  return *host != 0 ? host : "broker";
+}
 
 }  // namespace
 
@@ -28,8 +42,9 @@ Result<void> Member::check(const Config& config) {
   return link ? Result<void>() : Result<void>(link.error());
 }
 
-Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::string& id, AssetStore& assets,
+Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::string& run, AssetStore& assets,
                                                LogSink log) {
+  const std::string id = name_of(config) + "." + run;
   std::unique_ptr<Member> member(new Member);
   Member* self = member.get();
   const auto on_loop = [self](std::function<void()> work) { boost::asio::post(self->host_->loop, std::move(work)); };

@@ -30,8 +30,8 @@ class Member {
   /// Checks the settings of [backbone] and its files. Opens no connection.
   static Result<void> check(const Config& config);
 
-  /// Opens no connection yet. `id`: unique per run. The store outlives it. Errors: see make_nats_link().
-  static Result<std::unique_ptr<Member>> create(const Config& config, const std::string& id, AssetStore& assets,
+  /// Opens no connection yet. `run`: unique per run. The store outlives it. Errors: see make_nats_link().
+  static Result<std::unique_ptr<Member>> create(const Config& config, const std::string& run, AssetStore& assets,
                                                 LogSink log);
 
   /// REQUIRES: `host` outlives stop(), and the disk's threads have ended by then.

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "broker/backbone/nats_link.h"
 
+#include <sys/socket.h>
+
 #include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <random>
 #include <utility>
 
 #include "broker/backbone/nats_link_impl.h"
@@ -16,8 +21,11 @@ using std::chrono_literals::operator""s;
 
 constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Bounds outgoing messages.
 constexpr std::size_t kMaxWaitingMessages = 16'384;
-constexpr int kMaxUndelivered = 16'384;  ///< Messages on their way to the loop.
-constexpr auto kDrainTime = 1s;          ///< Time to send the queue when stopping.
+constexpr std::size_t kMessageBytes = 256;  ///< What a message takes besides its data.
+constexpr auto kDrainTime = 1s;             ///< Time to send the queue when stopping, and to end all else.
+constexpr auto kTryTime = 2s;               ///< To connect to a server, its TLS handshake included.
+constexpr auto kRetryTime = 250ms;          ///< After all servers have been tried, or a connection was made.
+constexpr std::size_t kMaxServers = 64;     ///< Those that servers name included.
 
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));
@@ -31,8 +39,21 @@ std::string bucket_of(std::string prefix) {
   return prefix + "_streams";
 }
 
-/// The closure of libnats' callbacks on a link's connections. They come on its threads, possibly after the link's end,
-/// and a connection that could not be made may report its end or not: so it is kept, once for each link.
+/// libnats shows its socket to nobody; it is the only one here that closes with a reset (SO_LINGER of 0 s).
+void shut_down_sockets() {
+  std::error_code error;
+  for (std::filesystem::directory_iterator it("/proc/self/fd", error), end; !error && it != end; it.increment(error)) {
+    const int fd = std::atoi(it->path().filename().c_str());
+    linger closing = {};
+    socklen_t size = sizeof closing;
+    const bool is_its =
+        ::getsockopt(fd, SOL_SOCKET, SO_LINGER, &closing, &size) == 0 && closing.l_onoff != 0 && closing.l_linger == 0;
+    if (is_its) ::shutdown(fd, SHUT_RDWR);
+  }
+}
+
+/// The closure of libnats' callbacks on a link's connections. They come on its threads, possibly after the link's end:
+/// so it is kept, once for each link.
 void* closure_of(std::weak_ptr<NatsLink> link) {
   static std::mutex mutex;
   static auto& kept = *new std::deque<std::weak_ptr<NatsLink>>;
@@ -46,14 +67,15 @@ std::shared_ptr<NatsLink> link_of(void* closure) {
 
 }  // namespace
 
-NatsLink::NatsLink(std::string prefix, int replicas, OptionsPtr options,
-                   std::function<void(std::function<void()>)> on_loop)
-    : prefix_(std::move(prefix)),
-      replicas_(replicas),
-      bucket_(bucket_of(prefix_)),
-      inbox_("_INBOX." + random_id(32)),
+NatsLink::NatsLink(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
+    : settings_(std::move(settings)),
+      bucket_(bucket_of(settings_.prefix)),
+      inbox_("_INBOX." + settings_.id + "." + random_id(32)),
       options_(std::move(options)),
-      on_loop_(std::move(on_loop)) {}
+      servers_(settings_.servers),
+      on_loop_(std::move(on_loop)) {
+  std::shuffle(servers_.begin(), servers_.end(), std::minstd_rand(std::random_device{}()));
+}
 
 /// Does nothing after stop(): the loop may be destroyed.
 void NatsLink::to_loop(std::function<void()> work) {
@@ -67,122 +89,153 @@ void NatsLink::post_to_listener(std::function<void()> work) {
   });
 }
 
-void NatsLink::on_up() {
+/// Libnats has closed the connection.
+void NatsLink::on_closed(natsConnection* connection) {
+  const char* text = nullptr;
+  natsConnection_GetLastError(connection, &text);
+  const std::string why = text != nullptr && *text != 0 ? text : "the connection to the NATS server is gone";
   {
     const std::lock_guard lock(mutex_);
-    connected_ = true;
-    ++generation_;
-  }
-  wake_.notify_all();
-  post_to_listener([this] { listener_->on_connected(); });
-}
-
-void NatsLink::on_down(const std::string& why, std::optional<std::uint64_t> generation) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (generation && *generation != generation_) return;  // Connected meanwhile.
+    if (connection_.get() != connection || !connected_) return;
     connected_ = false;
     outgoing_.clear();  // Old frames are useless after a reconnection.
     outgoing_bytes_ = 0;
   }
+  wake_.notify_all();
   post_to_listener([this, why] { listener_->on_disconnected(why); });
 }
 
-void NatsLink::on_closed() {
-  const std::lock_guard lock(mutex_);
-  closed_ = true;
-}
-
-void NatsLink::listen_to_connection() {
-  void* closure = closure_of(weak_from_this());
-  const natsConnectionHandler up = [](natsConnection*, void* of) {
-    if (const auto link = link_of(of)) link->on_up();
-  };
-  natsOptions_SetReconnectedCB(options_.get(), up, closure);
-  natsOptions_SetRetryOnFailedConnect(options_.get(), true, up, closure);
-  natsOptions_SetDisconnectedCB(
-      options_.get(),
-      [](natsConnection* connection, void* of) {
-        const char* text = nullptr;
-        natsConnection_GetLastError(connection, &text);
-        const std::string why = text != nullptr && *text != 0 ? text : "the connection to the NATS server is gone";
-        if (const auto link = link_of(of)) link->on_down(why);
-      },
-      closure);
-  natsOptions_SetClosedCB(
-      options_.get(),
-      [](natsConnection*, void* of) {
-        if (const auto link = link_of(of)) link->on_closed();
-      },
-      closure);
-  // Replaces libnats' handler, which prints. Messages lost by slow consumers show up as gaps.
-  natsOptions_SetErrorHandler(
-      options_.get(), [](natsConnection*, natsSubscription*, natsStatus, void*) {}, nullptr);
-}
-
-/// Makes the connection, and a new one after libnats has closed it: whatever its options say, libnats gives up after a
-/// second refusal of the credentials, most other errors, and any failure of the first handshake.
+/// Tries the next server.
 void NatsLink::connect() {
+  const std::string server = servers_[tries_ % servers_.size()];
+  const char* name = server.c_str();
+  natsOptions_SetServers(options_.get(), &name, 1);
   std::unique_lock lock(mutex_);
-  closed_ = false;
-  const std::uint64_t generation = generation_;
+  if (wake_.wait_until(lock, made_ + kRetryTime, [this] { return stopping_; })) return;
+  try_until_ = std::chrono::steady_clock::now() + kTryTime;
   lock.unlock();
-  natsConnection* connection = nullptr;
-  const natsStatus status = natsConnection_Connect(&connection, options_.get());
+  natsConnection* made = nullptr;
+  const natsStatus status = natsConnection_Connect(&made, options_.get());
   lock.lock();
-  connection_.reset(connection, natsConnection_Destroy);
-  subscribed_changed_ = true;
-  if (connection == nullptr) closed_ = true;
+  try_until_.reset();
   lock.unlock();
-  if (status == NATS_OK) return on_up();
-  const char* why = nats_GetLastError(nullptr);
-  on_down(std::string("no NATS server takes this broker yet") +
-              (why != nullptr && *why != 0 ? " (" + std::string(why) + ")" : std::string()),
-          generation);
+  if (status != NATS_OK) {
+    natsConnection_Destroy(made);
+    if (++tries_ % servers_.size() != 0) return;  // The next one at once.
+    const char* error = nats_GetLastError(nullptr);
+    const std::string why = std::string("no NATS server takes this broker yet") +
+                            (error != nullptr && *error != 0 ? " (" + std::string(error) + ")" : std::string());
+    post_to_listener([this, why] { listener_->on_disconnected(why); });
+    lock.lock();
+    wake_.wait_for(lock, kRetryTime, [this] { return stopping_; });
+    return;
+  }
+  made_ = std::chrono::steady_clock::now();
+  tries_ = 1;  // The next one after it.
+  servers_ = settings_.servers;
+  std::rotate(servers_.begin(), std::find(servers_.begin(), servers_.end(), server), servers_.end());
+  char** named = nullptr;
+  int count = 0;
+  natsConnection_GetDiscoveredServers(made, &named, &count);
+  for (int i = 0; i < count; ++i) {
+    if (servers_.size() < kMaxServers) servers_.emplace_back(named[i]);
+    std::free(named[i]);
+  }
+  std::free(named);
+  lock.lock();
+  const auto last = std::exchange(connection_, {made, natsConnection_Destroy});
+  subscribed_changed_ = connected_ = true;
+  ++generation_;
+  lock.unlock();
+  wake_.notify_all();
+  post_to_listener([this] { listener_->on_connected(); });
+  if (natsConnection_IsClosed(made)) on_closed(made);  // It was before it was known here.
+}
+
+/// Ends a try to connect that is late, or any when stopping. `lock`: of mutex_.
+void NatsLink::end_try(std::unique_lock<std::mutex>& lock) {
+  const auto now = std::chrono::steady_clock::now();
+  if (!try_until_ || (!stopping_ && now < *try_until_)) return;
+  try_until_ = now + kRetryTime;
+  lock.unlock();
+  shut_down_sockets();
+  lock.lock();
+}
+
+void NatsLink::run(std::thread& thread, void (NatsLink::*work)()) {
+  {
+    const std::lock_guard lock(mutex_);
+    ++running_;
+  }
+  thread = std::thread([self = shared_from_this(), work] {
+    ((*self).*work)();
+    const std::lock_guard lock(self->mutex_);
+    --self->running_;
+    self->wake_.notify_all();
+  });
 }
 
 void NatsLink::start(Listener& listener) {
   listener_ = &listener;
-  listen_to_connection();
-  connect();
-  subscriptions_.push_back(subscribe_raw(inbox_ + ".*", [this](natsMsg* message) {
-    const std::string subject = natsMsg_GetSubject(message);
-    const std::uint64_t number = std::strtoull(subject.c_str() + inbox_.size() + 1, nullptr, 10);
-    const bool nobody = natsMsg_IsNoResponders(message);
-    post_to_listener([this, number, nobody, data = data_of(message)]() mutable {
-      const auto found = requests_.find(number);
-      if (found == requests_.end()) return;
-      const Answer answer = std::move(found->second.answer);
-      requests_.erase(found);
-      if (nobody) return answer(fail(ErrorCode::kUnreachable, "the broker that should answer is not there"));
-      answer(std::move(data));
-    });
+  // Messages lost by slow consumers show up as gaps. Replaces libnats' handler, which prints.
+  natsOptions_SetErrorHandler(
+      options_.get(), [](natsConnection*, natsSubscription*, natsStatus, void*) {}, nullptr);
+  natsOptions_SetClosedCB(
+      options_.get(),
+      [](natsConnection* connection, void* of) {
+        if (const auto link = link_of(of)) link->on_closed(connection);
+      },
+      closure_of(weak_from_this()));
+  subscriptions_.push_back(listen(inbox_ + ".*", [this](Incoming incoming) {
+    const auto found = requests_.find(std::strtoull(incoming.subject.c_str() + inbox_.size() + 1, nullptr, 10));
+    if (found == requests_.end()) return;
+    const Answer answer = std::move(found->second.answer);
+    requests_.erase(found);
+    if (incoming.unheard) return answer(fail(ErrorCode::kUnreachable, "the broker that should answer is not there"));
+    answer(std::move(incoming.message));
   }));
-  subscriptions_.push_back(subscribe(prefix_ + ".rows", [this](const Bytes& message) { take_row(message); }));
-  sender_ = std::thread([this] { send_all(); });
-  writer_ = std::thread([this] { write_all(); });
-  reader_ = std::thread([this] { read_table(); });
+  const std::string rows = settings_.prefix + ".rows.";
+  subscriptions_.push_back(subscribe(rows + ">", [this, rows](const std::string& subject, const Bytes& message) {
+    take_row(subject.substr(rows.size()), message);
+  }));
+  run(sender_, &NatsLink::send_all);
+  run(writer_, &NatsLink::write_all);
+  run(reader_, &NatsLink::read_table);
 }
 
 void NatsLink::stop() {
-  {
-    const std::lock_guard lock(mutex_);
-    if (stopping_) return;
-    stopping_ = true;
-    drain_until_ = std::chrono::steady_clock::now() + kDrainTime;
-  }
+  std::unique_lock lock(mutex_);
+  if (stopping_) return;
+  stopping_ = true;
+  const auto until = std::chrono::steady_clock::now() + settings_.stop_within;
+  drain_until_ = until - settings_.stop_within / 2;
   *open_ = false;
   wake_.notify_all();
+  while (running_ > 0 && std::chrono::steady_clock::now() < until) {
+    end_try(lock);
+    wake_.wait_for(lock, 20ms);
+  }
+  const bool ended = running_ == 0;
+  lock.unlock();
+  // What libnats holds up (a name that no server resolves) owns the link, and ends it.
   for (std::thread* thread : {&sender_, &writer_, &reader_}) {
-    if (thread->joinable()) thread->join();
+    if (thread->joinable()) ended ? thread->join() : thread->detach();
   }
   subscriptions_.clear();
   requests_.clear();
-  for (const auto& subscribed : std::exchange(subscribed_, {})) renew(subscribed, nullptr);
-  if (connection_) {
-    natsConnection_FlushTimeout(connection_.get(), 300);
-    natsConnection_Close(connection_.get());
-  }
+}
+
+/// On the sender's thread: libnats may block.
+void NatsLink::close() {
+  std::unique_lock lock(mutex_);
+  wake_.wait_until(lock, drain_until_, [this] { return written_; });
+  const auto subscribed = std::exchange(subscribed_, {});
+  const auto connection = connection_;
+  lock.unlock();
+  for (const auto& each : subscribed) renew(each, nullptr);
+  if (!connection) return;
+  natsConnection_FlushTimeout(connection.get(), 200);
+  natsConnection_Close(connection.get());
 }
 
 void NatsLink::send(const std::string& subject, Bytes message, const std::string& reply) {
@@ -198,7 +251,8 @@ void NatsLink::send_all() {
   std::unique_lock lock(mutex_);
   for (;;) {
     wake_.wait_for(lock, 50ms, [this] { return stopping_ || subscribed_changed_ || !outgoing_.empty(); });
-    if (stopping_ && (outgoing_.empty() || std::chrono::steady_clock::now() >= drain_until_)) return;
+    if (stopping_ && (outgoing_.empty() || std::chrono::steady_clock::now() >= drain_until_)) break;
+    end_try(lock);
     auto batch = std::exchange(outgoing_, {});
     outgoing_bytes_ = 0;
     const auto connection = connection_;
@@ -222,9 +276,11 @@ void NatsLink::send_all() {
     expire_requests();
     lock.lock();
   }
+  lock.unlock();
+  close();
 }
 
-/// Subscribes at a new connection, unsubscribes what is not wanted. Blocks while libnats connects.
+/// Subscribes at a new connection, unsubscribes what is not wanted.
 void NatsLink::renew(const std::shared_ptr<Subscribed>& subscribed, const std::shared_ptr<natsConnection>& connection) {
   if (subscribed->wanted && subscribed->connection == connection) return;
   subscribed->subscription.reset();
@@ -269,34 +325,35 @@ std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::f
 }
 
 std::shared_ptr<void> NatsLink::subscribe(const std::string& subject, Handler handler) {
-  return subscribe_with_reply(
-      subject, [handler = std::move(handler)](Bytes message, const std::string&) { handler(std::move(message)); });
+  return listen(subject, [handler = std::move(handler)](Incoming incoming) {
+    handler(incoming.subject, std::move(incoming.message));
+  });
 }
 
 std::shared_ptr<void> NatsLink::serve(const std::string& subject, OnRequest on_request) {
-  return subscribe_with_reply(
-      subject, [weak = weak_from_this(), on_request = std::move(on_request)](Bytes message, std::string reply) {
-        on_request(std::move(message), [weak, reply = std::move(reply)](Bytes answer) {
-          if (const auto link = weak.lock()) link->publish(reply, std::move(answer));
-        });
-      });
+  return listen(subject, [weak = weak_from_this(), on_request = std::move(on_request)](Incoming incoming) {
+    on_request(std::move(incoming.message), [weak, reply = std::move(incoming.reply)](Bytes answer) {
+      if (const auto link = weak.lock()) link->publish(reply, std::move(answer));
+    });
+  });
 }
 
-std::shared_ptr<void> NatsLink::subscribe_with_reply(const std::string& subject,
-                                                     std::function<void(Bytes, std::string)> handler) {
+std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function<void(Incoming)> handler) {
   // The subscription alone owns the handler.
-  const auto owned = std::make_shared<std::function<void(Bytes, std::string)>>(std::move(handler));
+  const auto owned = std::make_shared<std::function<void(Incoming)>>(std::move(handler));
   const auto subscription = subscribe_raw(subject, [this, weak = std::weak_ptr(owned)](natsMsg* message) {
-    if (undelivered_.fetch_add(1) >= kMaxUndelivered) {
-      --undelivered_;
+    const std::size_t cost = kMessageBytes + static_cast<std::size_t>(natsMsg_GetDataLength(message));
+    if (undelivered_.fetch_add(cost) > kMaxUndeliveredBytes) {
+      undelivered_ -= cost;
       return;
     }
     const char* reply = natsMsg_GetReply(message);
-    to_loop([self = shared_from_this(), weak, data = data_of(message),
-             reply = std::string(reply == nullptr ? "" : reply)]() mutable {
-      --self->undelivered_;
+    to_loop([self = shared_from_this(), weak, cost,
+             incoming = Incoming{natsMsg_GetSubject(message), reply == nullptr ? "" : reply,
+                                 natsMsg_IsNoResponders(message), data_of(message)}]() mutable {
+      self->undelivered_ -= cost;
       const auto wanted = weak.lock();
-      if (*self->open_ && wanted) (*wanted)(std::move(data), std::move(reply));
+      if (*self->open_ && wanted) (*wanted)(std::move(incoming));
     });
   });
   return std::shared_ptr<void>(owned.get(), [owned, subscription](void*) {});
@@ -347,10 +404,9 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   };
   set(natsOptions_SetServers(raw, servers.data(), static_cast<int>(servers.size())), "servers");
   set(natsOptions_SetName(raw, ("eigencast-broker " + id).c_str()), "name");
+  set(natsOptions_SetCustomInboxPrefix(raw, ("_INBOX." + id).c_str()), "name");
   set(natsOptions_SetTimeout(raw, 1'000), "servers");
-  set(natsOptions_SetMaxReconnect(raw, -1), "servers");
-  set(natsOptions_SetReconnectWait(raw, 250), "servers");
-  set(natsOptions_SetReconnectJitter(raw, 100, 200), "servers");
+  set(natsOptions_SetAllowReconnect(raw, false), "servers");
   // An unreachable server is abandoned after two pings without an answer, 1.2 s at most, so that frames continue over
   // another one within two seconds.
   set(natsOptions_SetPingInterval(raw, 400), "servers");
@@ -377,8 +433,11 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   }
   if (!settings.token.empty()) set(natsOptions_SetToken(raw, settings.token.c_str()), "token");
   if (!result) return result.error();
-  auto link = std::make_shared<NatsLink>(settings.prefix, static_cast<int>(settings.replicas), std::move(options),
-                                         std::move(on_loop));
+  const auto stop_within =
+      std::min<std::chrono::steady_clock::duration>(kDrainTime, std::chrono::milliseconds(config.timeouts.shutdown_ms));
+  auto link = std::make_shared<NatsLink>(
+      NatsLink::Settings{settings.prefix, id, static_cast<int>(settings.replicas), settings.servers, stop_within},
+      std::move(options), std::move(on_loop));
   Link* raw_link = link.get();
   // Callbacks of libnats and work on the loop may outlive the owner: its end stops the link.
   return std::shared_ptr<Link>(raw_link, [link = std::move(link)](Link*) { link->stop(); });

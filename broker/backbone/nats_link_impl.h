@@ -30,13 +30,26 @@ using WatcherPtr = std::unique_ptr<kvWatcher, Destroyer<kvWatcher_Destroy>>;
 using StreamInfoPtr = std::unique_ptr<jsStreamInfo, Destroyer<jsStreamInfo_Destroy>>;
 using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
 
+/// Bounds messages on their way to the loop; more are dropped, as NATS may.
+inline constexpr std::size_t kMaxUndeliveredBytes = 32u << 20;
+
 /// Shared by nats_link.cpp (messages) and nats_table.cpp (the table) only.
 ///
 /// libnats calls back from its own threads and may block. So a sender thread publishes from a bounded queue, which
 /// drops messages like core NATS, and incoming messages are posted to the event loop.
+///
+/// libnats waits without end for a server that is mute in a TLS handshake or after INFO, and holds locks that all its
+/// calls need, while it reconnects too. So only the reader's thread connects, to one server at a time, and the sender's
+/// shuts down the socket of a try that takes long.
 class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink> {
  public:
-  NatsLink(std::string prefix, int replicas, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);
+  struct Settings {
+    std::string prefix, id;
+    int replicas = 1;  ///< How many the table has if this broker creates it: 1, 3 or 5.
+    std::vector<std::string> servers;
+    std::chrono::steady_clock::duration stop_within{};
+  };
+  NatsLink(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);
 
   void start(Listener& listener) override;
   void stop() override;
@@ -56,6 +69,11 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
     Answer answer;
     std::chrono::steady_clock::time_point until;
   };
+  struct Incoming {
+    std::string subject, reply;
+    bool unheard = false;  ///< Nobody listens to what it answers.
+    Bytes message;
+  };
   /// `heard` runs on libnats' thread, possibly after stop() has returned, but not after the link's end.
   struct Subscribed {
     std::weak_ptr<NatsLink> link;
@@ -70,13 +88,12 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   void send(const std::string& subject, Bytes message, const std::string& reply);
   void to_loop(std::function<void()> work);
   void post_to_listener(std::function<void()> work);
+  void run(std::thread& thread, void (NatsLink::*work)());
   void connect();
-  void listen_to_connection();
-  void on_up();
-  void on_down(const std::string& why, std::optional<std::uint64_t> generation = {});
-  void on_closed();
-  std::shared_ptr<void> subscribe_with_reply(const std::string& subject,
-                                             std::function<void(Bytes, std::string reply)> handler);
+  void end_try(std::unique_lock<std::mutex>& lock);
+  void on_closed(natsConnection* connection);
+  void close();
+  std::shared_ptr<void> listen(const std::string& subject, std::function<void(Incoming)> handler);
   std::shared_ptr<void> subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard);
   static void renew(const std::shared_ptr<Subscribed>& subscribed, const std::shared_ptr<natsConnection>& connection);
   void send_all();
@@ -90,20 +107,23 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
                                   std::uint64_t expected);
   void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
-  void take_row(ByteView message);  // On the loop. Lost changes are found when the table is read again.
+  void take_row(const std::string& from,
+                ByteView message);  // On the loop. Lost changes are found when the table is read again.
 
-  const std::string prefix_;
-  const int replicas_;  ///< How many the table has if this broker creates it: 1, 3 or 5.
+  const Settings settings_;
   const std::string bucket_, inbox_;
-  OptionsPtr options_;
+  OptionsPtr options_;                            // Belongs to the reader.
+  std::vector<std::string> servers_;              // Belongs to the reader: those to try, and those that they named.
+  std::size_t tries_ = 0;                         // Belongs to the reader: since the last connection.
+  std::chrono::steady_clock::time_point made_{};  // Belongs to the reader: the last connection.
   std::function<void(std::function<void()>)> on_loop_;
   Listener* listener_ = nullptr;                               // Belongs to the loop.
   std::map<std::uint64_t, Request> requests_;                  // Belongs to the loop.
   std::uint64_t last_request_ = 0;                             // Belongs to the loop.
   std::shared_ptr<bool> open_ = std::make_shared<bool>(true);  // Belongs to the loop: handlers may be called.
   std::int64_t table_made_ = 0;                                // Belongs to the reader: creation time of the table.
-  std::atomic<int> undelivered_{0};
-  std::atomic<bool> waiting_{false};  ///< requests_ is not empty.
+  std::atomic<std::size_t> undelivered_{0};                    ///< Bytes on their way to the loop.
+  std::atomic<bool> waiting_{false};                           ///< requests_ is not empty.
   std::vector<std::shared_ptr<void>> subscriptions_;
 
   std::mutex mutex_;
@@ -113,7 +133,9 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   std::size_t outgoing_bytes_ = 0;
   std::deque<std::function<void()>> rows_;
   bool connected_ = false, stopping_ = false;
-  bool closed_ = false;           ///< libnats has closed the connection and does not try again.
+  bool written_ = false;  ///< The writer has ended.
+  int running_ = 0;       ///< Threads of the link.
+  std::optional<std::chrono::steady_clock::time_point> try_until_;
   std::uint64_t generation_ = 0;  ///< Number of the connection.
   std::shared_ptr<natsConnection> connection_;
   std::vector<std::shared_ptr<Subscribed>> subscribed_;

@@ -30,13 +30,15 @@ void NatsLink::write_all() {
   std::unique_lock lock(mutex_);
   for (;;) {
     wake_.wait(lock, [this] { return stopping_ || !rows_.empty(); });
-    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= drain_until_)) return;
+    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= drain_until_)) break;
     const auto job = std::move(rows_.front());
     rows_.pop_front();
     lock.unlock();
     job();
     lock.lock();
   }
+  written_ = true;
+  wake_.notify_all();
 }
 
 JetStreamPtr NatsLink::jet_stream() {
@@ -79,6 +81,13 @@ Result<std::uint64_t> NatsLink::write_now(const std::string& key, const std::opt
   if (status == NATS_OK) {
     const std::uint64_t revision = ack->Sequence;
     jsPubAck_Destroy(ack);
+    if (!text) {  // Else each name that ever was would keep a message.
+      jsOptions purge;
+      jsOptions_Init(&purge);
+      purge.Stream.Purge.Subject = subject.c_str();
+      purge.Stream.Purge.Sequence = revision + 1;
+      js_PurgeStream(js.get(), ("KV_" + bucket_).c_str(), &purge, nullptr);
+    }
     return revision;
   }
   if (code == JSStreamWrongLastSequenceErr) {
@@ -95,10 +104,10 @@ void NatsLink::publish_row(const std::string& key, const std::optional<std::stri
   out.u16(static_cast<std::uint16_t>(key.size()));
   out.text(key);
   if (text) out.text(*text);
-  publish(prefix_ + ".rows", std::move(message));
+  publish(settings_.prefix + ".rows." + settings_.id, std::move(message));
 }
 
-void NatsLink::take_row(ByteView message) {
+void NatsLink::take_row(const std::string& from, ByteView message) {
   ByteReader in(message);
   const std::uint64_t revision = in.u64();
   const bool has_text = in.u8() == 1;
@@ -107,7 +116,7 @@ void NatsLink::take_row(ByteView message) {
   if (in.failed()) return;
   std::optional<std::string> row;
   if (has_text) row.emplace(text.begin(), text.end());
-  listener_->on_row(std::string(key.begin(), key.end()), std::move(row), revision);
+  listener_->on_row(std::string(key.begin(), key.end()), std::move(row), revision, from);
 }
 
 Result<StorePtr> NatsLink::open_table(jsCtx& js) const {
@@ -121,7 +130,7 @@ Result<StorePtr> NatsLink::open_table(jsCtx& js) const {
     config.History = 1;
     config.MaxBytes = 64 << 20;
     config.StorageType = js_FileStorage;
-    config.Replicas = replicas_;
+    config.Replicas = settings_.replicas;
     status = js_CreateKeyValue(&store, &js, &config);
   }
   if (status != NATS_OK) return fail(ErrorCode::kUnreachable, natsStatus_GetText(status));
@@ -142,14 +151,12 @@ bool NatsLink::report_new_table(jsCtx& js) {
 void NatsLink::read_table() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
-    wake_.wait_for(lock, 500ms, [this] { return stopping_ || connected_; });
-    if (stopping_ || (!connected_ && !closed_)) continue;
     const std::uint64_t generation = generation_;
-    const bool closed = closed_;
+    const bool connected = connected_;
     lock.unlock();
-    closed ? connect() : watch_once(generation);
+    connected ? watch_once(generation) : connect();
     lock.lock();
-    wake_.wait_for(lock, 500ms, [this] { return stopping_; });
+    if (connected) wake_.wait_for(lock, 500ms, [this] { return stopping_ || !connected_; });
   }
 }
 
@@ -167,6 +174,10 @@ void NatsLink::watch_once(std::uint64_t generation) {
   const auto began = std::chrono::steady_clock::now();
   bool read = false;
   for (;;) {
+    while (undelivered_ > kMaxUndeliveredBytes / 2) {
+      std::unique_lock lock(mutex_);
+      if (wake_.wait_for(lock, 5ms, [this] { return stopping_; })) return;
+    }
     kvEntry* entry = nullptr;
     const natsStatus status = kvWatcher_Next(&entry, watcher.get(), 200);
     const EntryPtr owned(entry);
@@ -191,7 +202,12 @@ void NatsLink::watch_once(std::uint64_t generation) {
     if (kvEntry_Operation(entry) == kvOp_Put) {
       text.emplace(static_cast<const char*>(kvEntry_Value(entry)), static_cast<std::size_t>(kvEntry_ValueLen(entry)));
     }
-    post_to_listener([this, key, text = std::move(text), revision] { listener_->on_row(key, text, revision); });
+    const std::size_t cost = 2 * key.size() + (text ? text->size() : 0);
+    undelivered_ += cost;
+    post_to_listener([this, key, text = std::move(text), revision, cost] {
+      undelivered_ -= cost;
+      listener_->on_row(key, text, revision, {});
+    });
   }
 }
 

@@ -76,6 +76,11 @@ Result<void> check_config(const Config& config) {
   if (config.backbone.certificate.empty() != config.backbone.key.empty()) {
     return inconsistent("backbone.certificate and backbone.key go together: set both, or none");
   }
+  constexpr std::string_view kInNames = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+  const std::string& name = config.backbone.name;
+  if (name.size() > 32 || name.find_first_not_of(kInNames) != std::string::npos) {
+    return inconsistent("backbone.name = '" + name + "' must be 1 to 32 letters, digits, - and _: it is in subjects");
+  }
   const std::string& prefix = config.proxy.path_prefix;
   if (!prefix.empty() && (!prefix.starts_with('/') || prefix.ends_with('/'))) {
     return inconsistent("proxy.path_prefix = '" + prefix + "' must begin with '/' and not end with one: /eigencast");

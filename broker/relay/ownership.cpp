@@ -10,7 +10,8 @@ namespace {
 constexpr std::uint64_t kStartOf2026 = 1'767'225'600;
 constexpr std::uint64_t kMaxEpoch = UINT32_MAX;
 constexpr std::uint64_t kBlock = 1024;
-constexpr std::uint64_t kRenewAfter = 64;  ///< Epochs or seconds: the block then lasts for many tries.
+constexpr std::uint64_t kMaxAhead = 1u << 20;  ///< Of the clock: 12 days, as clocks may differ.
+constexpr std::uint64_t kRenewAfter = 64;      ///< Epochs or seconds: the block then lasts for many tries.
 
 /// A wrong clock leaves half of all epochs.
 std::uint64_t epoch_by_time(std::uint64_t unix_seconds) {
@@ -25,9 +26,11 @@ Result<std::uint32_t> EpochSource::next(std::uint64_t unix_seconds, std::uint32_
     return fail(ErrorCode::kTooLarge, "this broker has no epoch above " + std::to_string(kMaxEpoch) +
                                           ": ask its operator to start it with a new data folder");
   }
-  last_ = static_cast<std::uint32_t>(epoch);
+  // An epoch that another broker invents is for its stream: it must not use up those of this broker.
+  const bool plausible = above <= epoch_by_time(unix_seconds) + kMaxAhead;
+  last_ = plausible ? static_cast<std::uint32_t>(epoch) : last_ + 1;
   if (!failed_) reserve_ahead(unix_seconds);
-  return last_;
+  return static_cast<std::uint32_t>(epoch);
 }
 
 void EpochSource::reserve_ahead(std::uint64_t unix_seconds) {

@@ -212,6 +212,58 @@ class Plain(threading.Thread):
             peer.close()
 
 
+class Mute(threading.Thread):
+    """A NATS server that falls silent: at once, after INFO, or in the TLS handshake that its INFO asks for."""
+
+    def __init__(self, said):
+        super().__init__(daemon=True)
+        self.said, self.peers, self.waited_for = said, [], threading.Event()
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.start()
+
+    def run(self):
+        while True:
+            try:
+                peer, _ = self.listener.accept()
+                self.peers.append(peer)  # Stays open.
+                peer.sendall(self.said)
+                if not self.said or peer.recv(1):
+                    self.waited_for.set()
+            except OSError:
+                return
+
+
+class Silenced(OneServer):
+    INFO = b'INFO {"server_id":"a","version":"2.9.0","proto":1,"headers":true,"max_payload":1048576%s}\r\n'
+
+    def test_a_mute_server_holds_up_neither_start_nor_streams_nor_end(self):
+        for said in (b"", self.INFO % b"", self.INFO % b',"tls_required":true'):
+            with self.subTest(said=said):
+                mute = Mute(said)
+                self.log = pathlib.Path(os.devnull)
+                process = self.lone_broker(mute.port)
+                data, admin = ports_of(pathlib.Path(self.folder, f"ports-{mute.port}"))
+                self.assertTrue(mute.waited_for.wait(60), "the broker tries")
+                viewer = Peer(data, "/v1/subscribe/s?rate=raw", "eigencast.v1")
+                sender = Sender(data)
+                self.assert_frames_come(viewer)
+                sender.end()
+                ask = lambda: urllib.request.urlopen(f"http://127.0.0.1:{admin}/readyz", timeout=60).read()
+                self.assertTrue(ask().startswith(b"ready, degraded"))
+                process.terminate()
+                self.assertEqual(process.wait(60), 0)
+                mute.listener.close()
+
+    def lone_broker(self, nats):
+        process = subprocess.Popen(
+            [PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={self.folder}/ports-{nats}",
+             f"--data-dir={self.folder}/data-{nats}", "--log-level=error", f"--backbone-servers=nats://127.0.0.1:{nats}"])
+        self.addCleanup(process.wait)
+        self.addCleanup(process.kill)
+        return process
+
+
 class Secured(OneServer):
     def test_tls_servers_are_never_spoken_to_in_plain_text(self):
         plain = Plain()

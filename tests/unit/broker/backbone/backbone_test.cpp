@@ -77,7 +77,7 @@ TEST_F(BackboneTest, LostFramesCostOneJoin) {
   watch(b(), viewer);
   pass(100'000);
   for (int i = 0; i < 200; ++i) {
-    network.drops = [&](const std::string& subject) { return i % 7 == 3 && subject == "test.frames.s"; };
+    network.drops = [&](const std::string& subject) { return i % 7 == 3 && subject == "test.frames.a.s"; };
     send(sender);
     pass(25'000);
   }
@@ -165,13 +165,10 @@ TEST_F(BackboneTest, LostTableIsRewritten) {
 
 TEST_F(BackboneTest, OnlyBrokersWithStreamsSendEveryHeartbeat) {
   std::map<std::string, int> signs;
-  const auto count = [&signs](const Bytes& message) { ++signs[std::string(message.begin() + 1, message.end())]; };
+  const auto count = [&signs](const std::string& subject, const Bytes&) { ++signs[subject.substr(11)]; };
   FakeLink ear(network);
-  const auto listening = ear.subscribe("test.alive", count);
-  for (int i = 0; i < 1000; ++i) {
-    const std::string other = "+crowd-" + std::to_string(i);
-    a().link.publish("test.alive", Bytes(other.begin(), other.end()));
-  }
+  const auto listening = ear.subscribe("test.alive.>", count);
+  for (int i = 0; i < 1000; ++i) a().link.publish("test.alive.crowd-" + std::to_string(i), {'+'});
   pass(2'000'000);
   signs.clear();
   SiteSender& sender = new_sender();
@@ -180,6 +177,43 @@ TEST_F(BackboneTest, OnlyBrokersWithStreamsSendEveryHeartbeat) {
   pass(20'000'000);
   EXPECT_GE(signs["a"], 20);
   EXPECT_LE(signs["b"], 2);
+}
+
+TEST_F(BackboneTest, EndedStreamsLeaveNothingInTheTable) {
+  for (int i = 0; i < 20; ++i) {
+    SiteSender& sender = new_sender();
+    publish(sender, a(), "s" + std::to_string(i));
+    sender.leave();
+  }
+  pass(1'000'000);
+  EXPECT_EQ(network.table.size(), 20U) << "epochs go on from them for a while";
+  for (int i = 0; i < 12; ++i) pass(60'000'000);
+  EXPECT_TRUE(network.table.empty());
+  SiteSender& again = new_sender();
+  again.publish(b(), "s3", b().put(content(9, 10)));
+  pass(1'000'000);
+  ASSERT_TRUE(again.granted && *again.granted);
+  EXPECT_EQ(network.table.size(), 1U);
+  EXPECT_EQ(a().backbone->totals().streams_known, 1U);
+}
+
+TEST_F(BackboneTest, StreamsOfGoneBrokersEnd) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(6'000'000);
+  ASSERT_EQ(viewer.infos.back().state, State::kLive);
+  a().link.cut();
+  pass(Directory::kHeartbeatTimeoutUs + 1'000'000);
+  EXPECT_EQ(viewer.infos.back().state, State::kStalled);
+  EXPECT_EQ(b().backbone->totals().streams_followed, 0U);
+  EXPECT_EQ(b().backbone->totals().streams_known, 0U);
+  a().link.connect();
+  pass(2'000'000);
+  send(sender);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_EQ(viewer.undecodable, 0);
 }
 
 TEST_F(BackboneTest, MissingAssetIsRequestedAgain) {

@@ -49,6 +49,10 @@ TEST(Directory, HostileEntriesAreRefused) {
   EXPECT_FALSE(entry_from_text(with("\"live\":true", "\"live\":1")));
   EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"\"")));
   EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"" + std::string(65, 'x') + "\"")));
+  for (const char* owner : {"*", "a.>", "a b", ".a", "a.", "a..b", "a\\r\\nPUB x 0\\r\\n"}) {
+    EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", std::string("\"owner\":\"") + owner + "\"")))
+        << "it is a part of subjects: " << owner;
+  }
   EXPECT_FALSE(entry_from_text(with("quantised", "quantized")));
   EXPECT_FALSE(entry_from_text(with("\"live\":", "\"resume\":1,\"live\":")));
   EXPECT_FALSE(entry_from_text(with("\"live\":", "\"resume\":\"\",\"live\":")));
@@ -67,10 +71,10 @@ TEST(Directory, TokensAndNamesAreOneToOne) {
 
 TEST(Directory, OlderRevisionsAreIgnored) {
   Directory directory("me", 0);
-  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 10));
-  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("b", 6)), 9));
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 10, 0));
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("b", 6)), 9, 0));
   EXPECT_EQ(directory.find("s")->entry->owner, "a");
-  ASSERT_TRUE(directory.take("s", std::nullopt, 11));
+  ASSERT_TRUE(directory.take("s", std::nullopt, 11, 0));
   EXPECT_EQ(directory.find("s")->entry, std::nullopt);
   EXPECT_EQ(directory.revision("s"), 11U) << "the next change must name the removal";
   EXPECT_EQ(directory.revision("other"), 0U);
@@ -78,7 +82,7 @@ TEST(Directory, OlderRevisionsAreIgnored) {
 
 TEST(Directory, SilentBrokersOwnNothing) {
   Directory directory("me", 0);
-  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 1));
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 1, 0));
   EXPECT_NE(directory.live("s", Directory::kHeartbeatTimeoutUs - 1), nullptr) << "too early to know";
   EXPECT_EQ(directory.live("s", Directory::kHeartbeatTimeoutUs), nullptr);
   directory.note_heartbeat("a", Directory::kHeartbeatTimeoutUs);
@@ -105,10 +109,87 @@ TEST(Directory, IdleBrokersSendFewerHeartbeatsInCrowds) {
 
 TEST(Directory, ForgetsEntriesOfGoneBrokers) {
   Directory directory("me", 0);
-  ASSERT_TRUE(directory.take("theirs", text_from_entry(entry_of("a", 1)), 1));
-  ASSERT_TRUE(directory.take("mine", text_from_entry(entry_of("me", 1)), 2));
+  ASSERT_TRUE(directory.take("theirs", text_from_entry(entry_of("a", 1)), 1, 0));
+  ASSERT_TRUE(directory.take("mine", text_from_entry(entry_of("me", 1)), 2, 0));
   EXPECT_TRUE(directory.forgotten(Directory::kForgetUs - 1).empty());
   EXPECT_EQ(directory.forgotten(Directory::kForgetUs), std::vector<std::string>{"theirs"});
+}
+
+TEST(Directory, ForgetsStreamsThatEndedHere) {
+  Directory directory("me", 0);
+  ASSERT_TRUE(directory.take("ended", text_from_entry(entry_of("me", 1, false)), 1, Directory::kForgetUs));
+  EXPECT_TRUE(directory.forgotten(2 * Directory::kForgetUs).empty());
+  EXPECT_EQ(directory.forgotten(2 * Directory::kForgetUs + 1), std::vector<std::string>{"ended"});
+}
+
+TEST(Directory, BrokersSpeakForThemselves) {
+  Directory directory("me", 0);
+  const TimeUs now = 2 * Directory::kHeartbeatTimeoutUs;
+  directory.note_heartbeat("a", now);
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 1)), 1, now));
+  const auto forged = directory.take("s", text_from_entry(entry_of("a", 2)), 2, now, "evil");
+  ASSERT_FALSE(forged);
+  EXPECT_EQ(forged.error().code, ErrorCode::kRefused);
+  EXPECT_EQ(directory.take("s", std::nullopt, 2, now, "evil").error().code, ErrorCode::kRefused);
+  EXPECT_EQ(directory.take("t", text_from_entry(entry_of("a", 1)), 2, now, "evil").error().code, ErrorCode::kRefused);
+  EXPECT_EQ(directory.find("s")->entry->epoch, 1U);
+  EXPECT_EQ(directory.find("t"), nullptr);
+  EXPECT_TRUE(directory.take("s", text_from_entry(entry_of("a", 2)), 2, now, "a"));
+  EXPECT_TRUE(directory.take("s", text_from_entry(entry_of("b", 3)), 3, now, "b")) << "a sender moves";
+  EXPECT_TRUE(directory.take("s", std::nullopt, 4, now, "c")) << "b is gone: whoever comes first tidies up";
+  EXPECT_EQ(directory.find("s")->entry, std::nullopt);
+}
+
+TEST(Directory, TheTableHasTheLastWord) {
+  Directory directory("me", 0);
+  constexpr std::uint64_t kNever = UINT64_MAX;
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 1)), 7, 0));
+  directory.end_reading();
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("evil", 9)), kNever, 0, "evil"));
+  ASSERT_TRUE(directory.take("t", text_from_entry(entry_of("evil", 9)), kNever, 0, "evil"));
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 1)), 7, 0));
+  EXPECT_EQ(directory.find("s")->entry->owner, "evil") << "it may be the newer one";
+  directory.end_reading();
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 1)), 7, 0));
+  EXPECT_EQ(directory.find("s")->entry->owner, "a");
+  directory.end_reading();
+  EXPECT_EQ(directory.revision("s"), 7U);
+  EXPECT_EQ(directory.find("t"), nullptr);
+}
+
+TEST(Directory, InventedStreamsLeaveRoomForTrueOnes) {
+  Directory directory("me", 0);
+  const TimeUs now = 2 * Directory::kHeartbeatTimeoutUs;
+  for (const char* broker : {"evil.1", "evil.2", "a.1"}) directory.note_heartbeat(broker, now);
+  std::size_t taken = 0;
+  std::uint64_t revision = 0;
+  const auto invent = [&](const std::string& owner) {
+    const std::string name = "x" + std::to_string(++revision);
+    taken += directory.take(name, text_from_entry(entry_of(owner, 1)), revision, now) ? 1 : 0;
+  };
+  for (std::size_t i = 0; i < Directory::kMaxStreamsPerName + 1000; ++i) invent(i % 2 == 0 ? "evil.1" : "evil.2");
+  EXPECT_EQ(taken, Directory::kMaxStreamsPerName) << "of one name, whatever its runs";
+  for (std::size_t i = 0; i < Directory::kMaxStreams; ++i) invent("gone-" + std::to_string(i % 1000));
+  EXPECT_EQ(directory.streams().size(), Directory::kMaxStreams);
+  EXPECT_TRUE(directory.take("true", text_from_entry(entry_of("a.1", 1)), ++revision, now + 1'000'000));
+  EXPECT_NE(directory.live("true", now), nullptr);
+  EXPECT_LE(directory.streams().size(), Directory::kMaxStreamsPerName + 1) << "of gone brokers";
+  EXPECT_TRUE(directory.take("mine", text_from_entry(entry_of("me", 1)), ++revision, now));
+}
+
+TEST(Directory, RunsOfANameAreBounded) {
+  Directory directory("me", 0);
+  const TimeUs now = 2 * Directory::kHeartbeatTimeoutUs;
+  directory.note_heartbeat("evil-2.1", now);
+  directory.note_heartbeat("evi.1", now);
+  for (int i = 0; i < 1000; ++i) directory.note_heartbeat("evil." + std::to_string(i), now + i);
+  EXPECT_EQ(directory.brokers(now + 1000), 3 + Directory::kMaxRuns);
+  EXPECT_TRUE(directory.is_alive("evil.999", now + 1000)) << "those heard last";
+  EXPECT_FALSE(directory.is_alive("evil.0", now + 1000));
+  EXPECT_TRUE(directory.is_alive("evil-2.1", now + 1000));
+  directory.note_heartbeat("a b", now);
+  directory.note_heartbeat("*", now);
+  EXPECT_EQ(directory.brokers(now + 1000), 3 + Directory::kMaxRuns);
 }
 
 TEST(Directory, ExactlyOneOfTwoSendersYields) {

@@ -60,7 +60,7 @@ class FakeLink final : public Link {
     network_.later([this] {
       listener_->on_connected();
       if (std::exchange(table_, network_.tables) != network_.tables) listener_->on_new_table();
-      for (const auto& [key, row] : network_.table) listener_->on_row(key, row.text, row.revision);
+      for (const auto& [key, row] : network_.table) listener_->on_row(key, row.text, row.revision, {});
       listener_->on_table_read();
     });
   }
@@ -84,7 +84,7 @@ class FakeLink final : public Link {
       for (FakeLink* link : network_.links) {
         if (!link->connected_) continue;
         for (const auto& heard : std::vector(link->heard_)) {
-          if (heard->subject == subject && heard->handler) heard->handler(message);
+          if (matches(heard->subject, subject) && heard->handler) heard->handler(subject, message);
         }
       }
     });
@@ -114,12 +114,12 @@ class FakeLink final : public Link {
                  std::function<void(const Result<std::uint64_t>&)> written) override {
     network_.later([this, key, text = std::move(text), expected, written = std::move(written)] {
       if (!connected_ || !network_.table_answers) return written(fail(ErrorCode::kUnreachable, "no answer"));
-      FakeNetwork::Row& row = network_.table[key];
-      if (row.revision != expected) return written(fail(ErrorCode::kRefused, "another revision"));
-      row = {text, ++network_.revision};
+      if (network_.table[key].revision != expected) return written(fail(ErrorCode::kRefused, "another revision"));
+      const FakeNetwork::Row row = network_.table[key] = {text, ++network_.revision};
+      if (!text) network_.table.erase(key);  // Purged.
       for (FakeLink* link : network_.links) {
         network_.later([link, key, row] {
-          if (link->connected_ && link->listener_ != nullptr) link->listener_->on_row(key, row.text, row.revision);
+          if (link->connected_ && link->listener_ != nullptr) link->listener_->on_row(key, row.text, row.revision, {});
         });
       }
       written(row.revision);
@@ -132,6 +132,9 @@ class FakeLink final : public Link {
     Handler handler;
     OnRequest on_request;
   };
+  static bool matches(const std::string& wanted, const std::string& subject) {
+    return wanted == subject || (wanted.ends_with('>') && subject.starts_with(wanted.substr(0, wanted.size() - 1)));
+  }
   std::shared_ptr<void> listen(Heard heard) {
     auto item = std::make_shared<Heard>(std::move(heard));
     heard_.push_back(item);

@@ -130,6 +130,16 @@ TEST(EpochSourceTest, EpochsEndBeforeTheyWrap) {
   EXPECT_LE(Life(empty).epochs.next(UINT64_MAX).value(), UINT32_MAX / 2) << "a wrong clock does not use them up";
 }
 
+TEST(EpochSourceTest, EpochsThatOthersInventUseUpNone) {
+  std::uint32_t disk = 0;
+  Life life(disk);
+  const std::uint32_t before = life.epochs.next(kNow).value();
+  EXPECT_EQ(life.epochs.next(kNow, before + 100).value(), before + 101);
+  EXPECT_EQ(life.epochs.next(kNow).value(), before + 102) << "as of a clock that goes ahead";
+  EXPECT_EQ(life.epochs.next(kNow, UINT32_MAX - 1).value(), UINT32_MAX) << "its own stream goes on";
+  EXPECT_LT(life.epochs.next(kNow).value(), before + 200);
+}
+
 TEST(EpochSourceTest, TornFilesHoldNoEpoch) {
   EXPECT_EQ(epoch_from_text("28000000\n"), 28'000'000u);
   for (const char* torn :
