@@ -188,8 +188,9 @@ void Broker::tick() {
 }
 
 void Broker::reserve_epochs(std::uint32_t end) {
-  const auto write = [path = data_dir_of(config()) + "/epoch", end] {
-    return write_file_atomically(path, std::to_string(end) + "\n", true);
+  const auto write = [assets = assets_.get(), path = data_dir_of(config()) + "/epoch", end] {
+    const auto ready = assets->make_writable();
+    return ready ? write_file_atomically(path, std::to_string(end) + "\n", true) : ready;
   };
   if (ticks_ == 0) return note_disk(write());  // Nobody is served yet.
   asio::post(disk_, [this, write] { asio::post(loop(), [this, written = write()] { note_disk(written); }); });

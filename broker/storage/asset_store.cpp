@@ -42,35 +42,58 @@ Result<void> sync_folder(const std::string& path) {
   return {};
 }
 
-}  // namespace
-
-Result<std::unique_ptr<AssetStore>> AssetStore::open(const std::string& data_dir, const Settings& settings) {
-  std::error_code error;
-  fs::create_directories(data_dir, error);
-  if (error) return fail(ErrorCode::kIo, data_dir + ": " + error.message() + ": choose another --data-dir");
-  const std::string lock_path = data_dir + "/broker.lock";
-  FileHandle lock(::open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
-  if (lock.get() < 0) return io_error(lock_path, errno);
-  (void)::fchmod(lock.get(), 0600);  // Who can open a file can lock it, and earlier versions made it 0644.
+/// Locks a data folder to this process. Who can open a file can hold its lock: it is private, and one that belongs
+/// neither to this user nor to the folder's is removed.
+Result<FileHandle> locked(const std::string& data_dir) {
+  const std::string path = data_dir + "/broker.lock";
+  struct stat folder = {}, status = {};
+  const auto is_strange = [&] {
+    return !S_ISREG(status.st_mode) || (status.st_uid != ::geteuid() && status.st_uid != folder.st_uid);
+  };
+  if (::stat(data_dir.c_str(), &folder) == 0 && ::lstat(path.c_str(), &status) == 0 && is_strange()) {
+    ::unlink(path.c_str());
+  }
+  FileHandle lock(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0600));
+  if (lock.get() < 0 || ::fstat(lock.get(), &status) != 0) return io_error(path, errno);
+  if (is_strange()) return fail(ErrorCode::kIo, path + " is not this broker's: remove it");
+  (void)::fchmod(lock.get(), 0600);  // Earlier versions made it 0644.
   if (::flock(lock.get(), LOCK_EX | LOCK_NB) != 0) {
     return fail(ErrorCode::kRefused, data_dir + " is in use by another broker: stop it, or choose another --data-dir");
   }
-  std::unique_ptr<AssetStore> store(new AssetStore(data_dir + "/assets", settings, std::move(lock)));
-  if (auto prepared = store->prepare(); !prepared) return prepared.error();
+  return lock;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<AssetStore>> AssetStore::open(const std::string& data_dir, const Settings& settings) {
+  std::unique_ptr<AssetStore> store(new AssetStore(data_dir, settings));
+  if (auto ready = store->make_writable(); !ready && ready.error().code == ErrorCode::kRefused) return ready.error();
+  store->load();
   return store;
 }
 
-AssetStore::AssetStore(std::string root, const Settings& settings, FileHandle lock)
-    : root_(std::move(root)), settings_(settings), lock_(std::move(lock)) {}
+AssetStore::AssetStore(const std::string& data_dir, const Settings& settings)
+    : data_dir_(data_dir), root_(data_dir + "/assets"), settings_(settings) {}
 
-Result<void> AssetStore::prepare() {
+Result<void> AssetStore::make_writable() {
+  const std::lock_guard one_at_a_time(locking_);
+  if (lock_.get() >= 0) return {};
   std::error_code error;
+  fs::create_directories(data_dir_, error);
+  auto lock = locked(data_dir_);
+  if (!lock) return lock.error();
   fs::create_directories(root_ + "/uploading", error);  // A full disk makes no new one.
   for (fs::directory_iterator it(root_ + "/uploading", error), end; !error && it != end; it.increment(error)) {
     std::error_code ignored;
     fs::remove_all(it->path(), ignored);
   }
   if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
+  lock_ = std::move(*lock);
+  return {};
+}
+
+void AssetStore::load() {
+  std::error_code error;
   const TimeUs now_us = steady_now_us();
   const auto wall =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch());
@@ -87,11 +110,9 @@ Result<void> AssetStore::prepare() {
     found.emplace_back(used_us, *id);
     total_bytes_ += charge_of(size);
   }
-  if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
   objects_ = found.size();
   std::sort(found.begin(), found.end());
   for (const auto& [used_us, id] : found) entries_.at(id).order = order_.insert(order_.end(), id);
-  return {};
 }
 
 std::size_t AssetStore::IdHash::operator()(const Sha256& id) const {
@@ -266,6 +287,9 @@ std::string AssetStore::temporary_path() {
 }
 
 Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id) {
+  if (!make_writable()) {
+    return fail(ErrorCode::kIo, "the broker's data folder takes no files: its operator finds the reason in its log");
+  }
   std::unique_ptr<Upload> upload(new Upload(*this, id));
   if (auto room = upload->grow(0); !room) return room.error();
   upload->path_ = temporary_path();

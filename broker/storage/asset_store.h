@@ -77,8 +77,11 @@ class AssetStore final : public StreamTap {
     std::uint64_t size = 0;
   };
 
-  /// Errors: kIo, kRefused (another broker uses the folder).
+  /// A folder that takes no files serves what it has. Errors: kRefused (another broker uses the folder).
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
+  /// Whether files may be written into the data folder: locks it if that failed before. Errors, which name the path:
+  /// kIo, kRefused (another broker uses it by now).
+  Result<void> make_writable();
 
   bool contains(const Sha256& id) const;
   /// Errors: kNotFound, kIo.
@@ -117,8 +120,8 @@ class AssetStore final : public StreamTap {
   struct IdHash {
     std::size_t operator()(const Sha256& id) const;
   };
-  AssetStore(std::string root, const Settings& settings, FileHandle lock);
-  Result<void> prepare();
+  AssetStore(const std::string& data_dir, const Settings& settings);
+  void load();
   std::string path_of(const Sha256& id) const;
   void use(Entry& entry, TimeUs now_us) const;  ///< REQUIRES: mutex_.
   bool is_over() const;
@@ -131,9 +134,10 @@ class AssetStore final : public StreamTap {
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size);
   std::string temporary_path();  ///< In the folder that open() empties.
 
-  std::string root_;
+  std::string data_dir_, root_;
   Settings settings_;
-  FileHandle lock_;
+  std::mutex locking_;
+  FileHandle lock_;  ///< GUARDED_BY(locking_)
   mutable std::mutex mutex_;
   mutable std::unordered_map<Sha256, Entry, IdHash> entries_;  // GUARDED_BY(mutex_)
   mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)

@@ -301,6 +301,9 @@ void Recorder::work(Item& item) {
 
 void Recorder::open(Session& session) {
   if (session.failed) return;
+  if (auto ready = assets_.make_writable(); !ready) return fail_session(session, ready.error());
+  std::error_code ignored;
+  fs::create_directories(settings_.folder, ignored);
   const std::string stem = settings_.folder + "/" + file_stem(session.stream);
   for (int number = 1; !session.writer; ++number) {
     const std::string path = stem + (number == 1 ? "" : "-" + std::to_string(number)) + std::string(kSuffix);

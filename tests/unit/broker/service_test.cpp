@@ -386,6 +386,29 @@ TEST_F(ServiceTest, WithAFullDiskStreamsGoOn) {
   EXPECT_NE(lines.find(folder_ + "/epoch"), std::string::npos) << "the log names the file";
 }
 
+TEST_F(ServiceTest, AFolderThatTakesNoFilesDoesNotStopTheStart) {
+  asset_ = put_asset("manifest");
+  stop();
+  fs::remove(folder_ + "/broker.lock");
+  fs::create_directory(folder_ + "/broker.lock");
+  start();
+  const auto ready = [&] { return http_request(admin_port_, "GET", "/readyz").body; };
+  EXPECT_TRUE(ready().starts_with("ready, degraded: "));
+  const auto publisher = sender("a");
+  EXPECT_GT(announced_.epoch, 0u);
+  const auto refused = request("PUT", "/v1/assets/" + name_of_asset("more"), "more");
+  EXPECT_EQ(refused.status, 507);
+  EXPECT_EQ(refused.body.find(folder_), std::string::npos) << refused.body;
+  fs::remove(folder_ + "/broker.lock");
+  while (ready() != "ready\n") std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  put_asset("more");
+  stop();
+  std::ofstream(folder_ + "/file").close();
+  config_.server.data_dir = folder_ + "/file/data";
+  start();
+  EXPECT_TRUE(ready().starts_with("ready, degraded: "));
+}
+
 TEST_F(ServiceTest, ATornEpochFileDoesNotStopTheStart) {
   std::atomic<int> told = 0;
   log_ = [&](LogLevel, std::string_view line) {

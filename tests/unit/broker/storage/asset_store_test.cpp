@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "broker/storage/asset_store.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/inotify.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -313,6 +315,41 @@ TEST_F(AssetStoreTest, OthersCannotLockTheFolder) {
   fs::permissions(folder_ + "/broker.lock", fs::perms(0644));
   open();
   EXPECT_EQ(fs::status(folder_ + "/broker.lock").permissions(), fs::perms(0600)) << "who can open it can lock it";
+}
+
+TEST_F(AssetStoreTest, LocksOfStrangersAreReplaced) {
+  const std::string path = folder_ + "/broker.lock", elsewhere = folder_ + "/elsewhere";
+  std::ofstream(elsewhere).close();
+  fs::permissions(elsewhere, fs::perms(0644));
+  fs::create_symlink(elsewhere, path);
+  open();
+  EXPECT_EQ(fs::status(elsewhere).permissions(), fs::perms(0644)) << "a link leads to nobody else's file";
+  store_.reset();
+  if (::geteuid() != 0) GTEST_SKIP() << "needs root, to make a file of another user";
+  fs::remove(path);
+  const FileHandle strange(::open(path.c_str(), O_RDWR | O_CREAT, 0666));
+  ASSERT_EQ(::fchown(strange.get(), 12'345, 12'345), 0);
+  ASSERT_EQ(::flock(strange.get(), LOCK_EX), 0);
+  open();
+  EXPECT_TRUE(put(kContent));
+  EXPECT_EQ(AssetStore::open(folder_, {}).error().code, ErrorCode::kRefused);
+}
+
+TEST_F(AssetStoreTest, AFolderThatTakesNoFilesServesWhatItHas) {
+  open();
+  const Sha256 id = *put(kContent);
+  store_.reset();
+  fs::remove(folder_ + "/broker.lock");
+  fs::create_directory(folder_ + "/broker.lock");  // Stops root, too.
+  open();
+  EXPECT_EQ(store_->make_writable().error().code, ErrorCode::kIo);
+  EXPECT_EQ(store_->bytes_of(id).value(), kContent);
+  const auto upload = store_->begin_upload(sha256(Bytes(8, 1)));
+  EXPECT_EQ(upload.error().code, ErrorCode::kIo);
+  EXPECT_THAT(upload.error().message, ::testing::Not(::testing::HasSubstr(folder_))) << "clients see it";
+  fs::remove(folder_ + "/broker.lock");
+  EXPECT_TRUE(put(Bytes(8, 1))) << "as soon as it takes files again";
+  EXPECT_EQ(AssetStore::open(folder_, {}).error().code, ErrorCode::kRefused);
 }
 
 }  // namespace
