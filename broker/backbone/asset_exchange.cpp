@@ -160,8 +160,8 @@ void AssetExchange::ask_references(const TransferPtr& transfer) {
 
 void AssetExchange::begin_object(const TransferPtr& transfer, const Sha256& id) {
   const auto upload = std::make_shared<UploadPtr>();
-  const auto begin = [this, id, upload]() -> Result<void> {
-    auto begun = store_.begin_upload(id);
+  const auto begin = [this, id, upload, owner = transfer->owner]() -> Result<void> {
+    auto begun = store_.begin_upload(id, "broker " + owner.substr(0, owner.find('.')));
     if (begun) *upload = std::move(*begun);
     return begun ? Result<void>() : begun.error();
   };

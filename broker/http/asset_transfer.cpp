@@ -142,12 +142,13 @@ class Upload : public std::enable_shared_from_this<Upload> {
   void start(const Sha256& id) {
     watch();
     connection_->arm(context_.config.timeouts.transfer_ms);
-    connection_->on_disk([&assets = context_.assets, id] { return assets.begin_upload(id); },
-                         [self = shared_from_this()](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
-                           if (!upload) return self->fail_with(upload.error());
-                           self->upload_ = std::move(*upload);
-                           self->begin_body();
-                         });
+    connection_->on_disk(
+        [&assets = context_.assets, id, holder = grant_.holder()] { return assets.begin_upload(id, holder); },
+        [self = shared_from_this()](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
+          if (!upload) return self->fail_with(upload.error());
+          self->upload_ = std::move(*upload);
+          self->begin_body();
+        });
   }
 
  private:

@@ -97,7 +97,7 @@ void AssetStore::load() {
   const TimeUs now_us = steady_now_us();
   const auto wall =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch());
-  std::vector<std::pair<TimeUs, Sha256>> found;
+  std::vector<std::pair<Entry, Sha256>> found;
   for (fs::recursive_directory_iterator it(root_, fs::directory_options::skip_permission_denied, error), end;
        !error && it != end; it.increment(error)) {
     const auto id = Sha256::from_hex(it->path().filename().string());
@@ -106,13 +106,51 @@ void AssetStore::load() {
     // A file from the future (after a clock step) counts as used now.
     const TimeUs used_us = now_us - std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
     const auto size = static_cast<std::uint64_t>(status.st_size);
-    if (!entries_.try_emplace(*id, Entry{.size = size, .used_us = used_us, .touched_us = used_us}).second) continue;
-    found.emplace_back(used_us, *id);
-    total_bytes_ += charge_of(size);
+    found.emplace_back(Entry{.size = size, .used_us = used_us, .touched_us = used_us}, *id);
   }
-  objects_ = found.size();
-  std::sort(found.begin(), found.end());
-  for (const auto& [used_us, id] : found) entries_.at(id).order = order_.insert(order_.end(), id);
+  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first.used_us < b.first.used_us; });
+  const std::lock_guard lock(mutex_);
+  for (auto& [entry, id] : found) {
+    if (entries_.contains(id)) continue;
+    entry.holder = &holder({});
+    charge(*entry.holder, static_cast<std::int64_t>(charge_of(entry.size)), 1);
+    insert(id, entry);
+  }
+}
+
+AssetStore::Holder& AssetStore::holder(std::string_view name) {
+  const auto found = holders_.find(name);
+  if (found != holders_.end()) return found->second;
+  return holders_.emplace(std::string(name), Holder{std::string(name)}).first->second;
+}
+
+void AssetStore::charge(Holder& holder, std::int64_t bytes, int objects) {
+  holder.bytes += static_cast<std::uint64_t>(bytes);
+  holder.objects += static_cast<std::uint64_t>(objects);
+  total_bytes_ += static_cast<std::uint64_t>(bytes);
+  objects_ += static_cast<std::uint64_t>(objects);
+  const auto share_of = [&](std::uint64_t all) {
+    return all / 100 * settings_.max_share_percent + all % 100 * settings_.max_share_percent / 100;
+  };
+  const bool over = !holder.name.empty() && (holder.bytes > share_of(settings_.max_total_bytes) ||
+                                             holder.objects > share_of(settings_.max_objects));
+  over ? (void)over_.insert(&holder) : (void)over_.erase(&holder);
+  if (holder.objects == 0) holders_.erase(holders_.find(holder.name));
+}
+
+void AssetStore::insert(const Sha256& id, Entry entry) {
+  entry.order = order_.insert(order_.end(), id);
+  entry.held = entry.holder->order.insert(entry.holder->order.end(), id);
+  entries_.insert_or_assign(id, entry);
+}
+
+void AssetStore::erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry) {
+  Holder& holder = *entry->second.holder;
+  order_.erase(entry->second.order);
+  holder.order.erase(entry->second.held);
+  const std::uint64_t bytes = charge_of(entry->second.size);
+  entries_.erase(entry);
+  charge(holder, -static_cast<std::int64_t>(bytes), -1);
 }
 
 std::size_t AssetStore::IdHash::operator()(const Sha256& id) const {
@@ -125,6 +163,7 @@ std::size_t AssetStore::IdHash::operator()(const Sha256& id) const {
 void AssetStore::use(Entry& entry, TimeUs now_us) const {
   entry.used_us = now_us;
   order_.splice(order_.end(), order_, entry.order);
+  entry.holder->order.splice(entry.holder->order.end(), entry.holder->order, entry.held);
 }
 
 std::string AssetStore::path_of(const Sha256& id) const {
@@ -219,11 +258,11 @@ bool AssetStore::is_over() const {
   return total_bytes_ > settings_.max_total_bytes || objects_ > settings_.max_objects;
 }
 
-void AssetStore::make_room() {
+void AssetStore::make_room(const Holder& wanting) {
   const std::lock_guard one_at_a_time(evicting_);
   const TimeUs now_us = steady_now_us();
   if (is_over()) use_needed(now_us);
-  while (is_over() && evict_oldest(now_us)) continue;
+  while (is_over() && evict_oldest(now_us, wanting)) continue;
 }
 
 void AssetStore::use_needed(TimeUs now_us) {
@@ -240,29 +279,30 @@ void AssetStore::use_needed(TimeUs now_us) {
   for (const Sha256& asset : due) (void)references_of(asset);
 }
 
-bool AssetStore::evict_oldest(TimeUs now_us) {
+bool AssetStore::evict_oldest(TimeUs now_us, const Holder& wanting) {
   const std::string aside = temporary_path();
   {
     const std::lock_guard lock(mutex_);
-    if (order_.empty()) return false;
-    const auto entry = entries_.find(order_.front());
-    if (now_us - entry->second.used_us <= settings_.min_idle_us) return false;
+    const auto gives = [](const Holder* holder) { return !holder->order.empty(); };
+    const bool own = std::find(over_.begin(), over_.end(), &wanting) != over_.end();
+    const auto giver = own ? over_.end() : std::find_if(over_.begin(), over_.end(), gives);
+    const auto& order = own ? wanting.order : giver != over_.end() ? (*giver)->order : order_;
+    if (order.empty()) return false;
+    const auto entry = entries_.find(order.front());
+    if (giver == over_.end() && now_us - entry->second.used_us <= settings_.min_idle_us) return false;
     // Freeing a large file takes long and contains() waits for the lock: unlink after it.
     if (::rename(path_of(entry->first).c_str(), aside.c_str()) != 0 && errno != ENOENT) {
       use(entry->second, now_us);  // The next one first.
-      return true;
+      return giver == over_.end();
     }
-    total_bytes_ -= charge_of(entry->second.size);
-    --objects_;
-    order_.pop_front();
-    entries_.erase(entry);
+    erase(entry);
     ++evicted_;
   }
   ::unlink(aside.c_str());  // Downloads in progress keep their open file.
   return true;
 }
 
-Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, std::uint64_t size) {
+Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, std::uint64_t size, Holder& holder) {
   const TimeUs now_us = steady_now_us();
   const std::string path = path_of(id);
   const std::lock_guard lock(mutex_);
@@ -272,13 +312,8 @@ Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, st
     return false;
   }
   if (::rename(verified.c_str(), path.c_str()) != 0) return io_error("keeping asset " + id.hex(), errno);
-  if (known != entries_.end()) {  // Its file was removed by others.
-    total_bytes_ -= charge_of(known->second.size);
-    --objects_;
-    order_.erase(known->second.order);
-    entries_.erase(known);
-  }
-  entries_[id] = {.size = size, .used_us = now_us, .touched_us = now_us, .order = order_.insert(order_.end(), id)};
+  if (known != entries_.end()) erase(known);  // Its file was removed by others.
+  insert(id, {.size = size, .used_us = now_us, .touched_us = now_us, .holder = &holder});
   return true;
 }
 
@@ -286,11 +321,11 @@ std::string AssetStore::temporary_path() {
   return root_ + "/uploading/" + std::to_string(++temporaries_);
 }
 
-Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id) {
+Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id, std::string_view holder) {
   if (!make_writable()) {
     return fail(ErrorCode::kIo, "the broker's data folder takes no files: its operator finds the reason in its log");
   }
-  std::unique_ptr<Upload> upload(new Upload(*this, id));
+  std::unique_ptr<Upload> upload(new Upload(*this, id, holder));
   if (auto room = upload->grow(0); !room) return room.error();
   upload->path_ = temporary_path();
   upload->file_ = FileHandle(::open(upload->path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
@@ -298,27 +333,35 @@ Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha25
   return upload;
 }
 
-AssetStore::Upload::Upload(AssetStore& store, const Sha256& expected) : store_(store), expected_(expected) {
-  ++store_.objects_;
+AssetStore::Upload::Upload(AssetStore& store, const Sha256& expected, std::string_view holder)
+    : store_(store), expected_(expected) {
+  const std::lock_guard lock(store_.mutex_);
+  holder_ = &store_.holder(holder);
+  store_.charge(*holder_, 0, 1);
 }
 
 AssetStore::Upload::~Upload() {
   if (kept_) return;
   ::unlink(path_.c_str());
-  store_.total_bytes_ -= charge_;
-  --store_.objects_;
+  const std::lock_guard lock(store_.mutex_);
+  store_.charge(*holder_, -static_cast<std::int64_t>(charge_), -1);
 }
 
 Result<void> AssetStore::Upload::grow(std::uint64_t bytes) {
   size_ += bytes;
-  store_.total_bytes_ += charge_of(size_) - charge_;
+  {
+    const std::lock_guard lock(store_.mutex_);
+    store_.charge(*holder_, static_cast<std::int64_t>(charge_of(size_) - charge_), 0);
+  }
   charge_ = charge_of(size_);
-  if (store_.is_over()) store_.make_room();
+  if (store_.is_over()) store_.make_room(*holder_);
   if (!store_.is_over()) return {};
-  return fail(ErrorCode::kIo, "the asset store is full of what streams use or used a moment ago: " +
-                                  std::string("assets.max_total_bytes = ") +
-                                  std::to_string(store_.settings_.max_total_bytes) +
-                                  ", assets.max_objects = " + std::to_string(store_.settings_.max_objects));
+  return fail(ErrorCode::kIo,
+              "the asset store is full of what streams use or used a moment ago, or of what others may "
+              "keep: assets.max_total_bytes = " +
+                  std::to_string(store_.settings_.max_total_bytes) +
+                  ", assets.max_objects = " + std::to_string(store_.settings_.max_objects) +
+                  ", assets.max_share_percent = " + std::to_string(store_.settings_.max_share_percent));
 }
 
 Result<void> AssetStore::Upload::write(ByteView data) {
@@ -351,7 +394,7 @@ Result<bool> AssetStore::Upload::commit() {
     return io_error("keeping asset " + expected_.hex(), errno);
   }
   if (::fsync(file_.get()) != 0) return io_error("syncing asset " + expected_.hex(), errno);
-  const auto admitted = store_.admit(expected_, path_, size_);
+  const auto admitted = store_.admit(expected_, path_, size_, *holder_);
   kept_ = admitted && *admitted;
   if (!admitted) return admitted;
   // Also if it existed: the other upload may not have synced yet.

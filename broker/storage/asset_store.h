@@ -9,6 +9,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <unordered_map>
@@ -31,10 +32,11 @@ constexpr std::uint64_t charge_of(std::uint64_t bytes) {
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. Visible objects are complete and verified.
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
-/// When an upload needs space, the least recently used objects that no stream uses are evicted. A stream uses the asset
-/// that it announced and every object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at
-/// worst too many (after Boehm and Weiser, "Garbage collection in an uncooperative environment", 1988). Each used asset
-/// is searched once per min_idle_us, which counts as a use of what it names; all else costs the same for any number.
+/// When an upload needs space, the least recently used objects that no stream uses are evicted; those of a holder
+/// beyond its share before all others, in use or not, unless it is the one who uploads. A stream uses the asset that it
+/// announced and every object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at worst too
+/// many (after Boehm and Weiser, "Garbage collection in an uncooperative environment", 1988). Each used asset is
+/// searched once per min_idle_us, which counts as a use of what it names; all else costs the same for any number.
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -44,8 +46,16 @@ class AssetStore final : public StreamTap {
     std::uint64_t max_object_bytes = 256u << 20;
     std::uint64_t max_total_bytes = std::uint64_t{16} << 30;  ///< Of charge_of().
     std::uint64_t max_objects = 100'000;
+    std::uint64_t max_share_percent = 50;  ///< Of both, for one holder, where others need room.
     /// Objects used within this time stay: a sender uploads its chunks before it announces them (default: 60 s).
     TimeUs min_idle_us = 60'000'000;
+  };
+
+  /// Who stored objects.
+  struct Holder {
+    std::string name;
+    std::uint64_t bytes = 0, objects = 0;  ///< As charged, uploads under way included.
+    std::list<Sha256> order{};             ///< By last use, oldest first.
   };
 
   /// Leaves nothing behind unless commit() succeeds.
@@ -60,10 +70,11 @@ class AssetStore final : public StreamTap {
 
    private:
     friend class AssetStore;
-    Upload(AssetStore& store, const Sha256& expected);
+    Upload(AssetStore& store, const Sha256& expected, std::string_view holder);
     Result<void> grow(std::uint64_t bytes);  ///< Charges for them.
     AssetStore& store_;
     Sha256 expected_;
+    Holder* holder_;
     std::string path_;
     FileHandle file_{};
     Sha256Stream hash_;
@@ -86,8 +97,8 @@ class AssetStore final : public StreamTap {
   bool contains(const Sha256& id) const;
   /// Errors: kNotFound, kIo.
   Result<Object> read(const Sha256& id) const;
-  /// Errors: kIo (also a full store).
-  Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
+  /// `holder`: whom the object is charged to; empty: nobody. Errors: kIo (also a full store).
+  Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id, std::string_view holder = {});
 
   /// Protects the asset that `stream` uses and its objects from eviction. Nothing: the stream is removed.
   void set_used(std::string_view stream, const std::optional<Sha256>& asset);
@@ -114,7 +125,8 @@ class AssetStore final : public StreamTap {
     TimeUs used_us = 0;     ///< On the steady clock; negative for uses before this process.
     TimeUs touched_us = 0;  ///< Last update of the file's times.
     TimeUs searched_us = std::numeric_limits<TimeUs>::min() / 2;  ///< Last search for its references.
-    std::list<Sha256>::iterator order{};
+    Holder* holder = nullptr;
+    std::list<Sha256>::iterator order{}, held{};  ///< In order_, and in the holder's.
   };
   /// Keyed: senders choose ids, and could choose them for one bucket.
   struct IdHash {
@@ -126,12 +138,17 @@ class AssetStore final : public StreamTap {
   void use(Entry& entry, TimeUs now_us) const;  ///< REQUIRES: mutex_.
   bool is_over() const;
   /// Evicts objects until the store is within its quota or none is idle.
-  void make_room();
+  void make_room(const Holder& wanting);
   /// Counts what streams use as used.
   void use_needed(TimeUs now_us);
-  bool evict_oldest(TimeUs now_us);  ///< False: none is idle.
+  bool evict_oldest(TimeUs now_us, const Holder& wanting);  ///< False: none is idle.
+  Holder& holder(std::string_view name);                    ///< REQUIRES: mutex_, and that it is charged before others.
+  /// Counts bytes and an object, or takes them back; then a holder of nothing is forgotten. REQUIRES: mutex_.
+  void charge(Holder& holder, std::int64_t bytes, int objects);
+  void insert(const Sha256& id, Entry entry);  ///< As the one used last. REQUIRES: mutex_, and that it is charged.
+  void erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry);  ///< REQUIRES: mutex_.
   /// Makes a verified file an object. False: it existed; counts as a use.
-  Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size);
+  Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size, Holder& holder);
   std::string temporary_path();  ///< In the folder that open() empties.
 
   std::string data_dir_, root_;
@@ -142,6 +159,8 @@ class AssetStore final : public StreamTap {
   mutable std::unordered_map<Sha256, Entry, IdHash> entries_;  // GUARDED_BY(mutex_)
   mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)
   std::map<std::string, Sha256, std::less<>> used_by_stream_;  // GUARDED_BY(mutex_)
+  std::map<std::string, Holder, std::less<>> holders_;         // GUARDED_BY(mutex_)
+  std::set<Holder*> over_;                                     ///< Beyond their share. GUARDED_BY(mutex_)
   std::mutex evicting_;                                        ///< Serialises make_room().
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};

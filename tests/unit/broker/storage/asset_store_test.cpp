@@ -36,8 +36,8 @@ class AssetStoreTest : public ::testing::Test {
     store_ = std::move(*opened);
   }
   /// The object's id; nothing if the store is full.
-  std::optional<Sha256> put(const Bytes& content) const {
-    const auto upload = store_->begin_upload(sha256(content));
+  std::optional<Sha256> put(const Bytes& content, const std::string& holder = {}) const {
+    const auto upload = store_->begin_upload(sha256(content), holder);
     const auto written = upload ? (*upload)->write(content) : Result<void>(upload.error());
     EXPECT_TRUE(!written || (*upload)->commit());
     return written ? std::optional(sha256(content)) : std::nullopt;
@@ -149,7 +149,7 @@ constexpr std::size_t kBlock = 4096;
 constexpr std::uint64_t kTenBlocks = 10 * kBlock + 4096;
 
 TEST_F(AssetStoreTest, QuotasHold) {
-  open({5 * kBlock, 7 * kBlock, 100, 0});
+  open({5 * kBlock, 7 * kBlock, 100, 50, 0});
   const Bytes large(5 * kBlock, 1), other(2 * kBlock, 2);
   auto first = store_->begin_upload(sha256(large)).value();
   ASSERT_TRUE(first->write(large));
@@ -163,7 +163,7 @@ TEST_F(AssetStoreTest, QuotasHold) {
 }
 
 TEST_F(AssetStoreTest, SmallObjectsCountAsWhatTheDiskTakes) {
-  open({1000, 64 * kBlock, 1'000'000, 60'000'000});
+  open({1000, 64 * kBlock, 1'000'000, 50, 60'000'000});
   std::uint8_t kept = 0;
   while (put(Bytes(8, kept)) && kept < 200) ++kept;
   EXPECT_GT(kept, 50);
@@ -178,7 +178,7 @@ TEST_F(AssetStoreTest, SmallObjectsCountAsWhatTheDiskTakes) {
 }
 
 TEST_F(AssetStoreTest, ObjectsAreCounted) {
-  open({1000, 1 << 30, 3, 60'000'000});
+  open({1000, 1 << 30, 3, 50, 60'000'000});
   for (std::uint8_t i = 0; i < 3; ++i) ASSERT_TRUE(put(Bytes(8, i)));
   const auto refused = store_->begin_upload(sha256(Bytes(8, 9)));
   ASSERT_FALSE(refused);
@@ -186,7 +186,7 @@ TEST_F(AssetStoreTest, ObjectsAreCounted) {
   EXPECT_THAT(refused.error().message, ::testing::HasSubstr("assets.max_objects = 3"));
   EXPECT_EQ(store_->objects(), 3u);
   EXPECT_EQ(files_left(), 3u);
-  open({1000, 1 << 30, 3, 0});
+  open({1000, 1 << 30, 3, 50, 0});
   EXPECT_EQ(store_->objects(), 3u) << "counted at the start too";
   ASSERT_TRUE(put(Bytes(8, 9)));
   EXPECT_EQ(store_->evicted(), 1u) << "one idle object makes room";
@@ -195,7 +195,7 @@ TEST_F(AssetStoreTest, ObjectsAreCounted) {
 }
 
 TEST_F(AssetStoreTest, LeastRecentlyUsedObjectIsEvicted) {
-  open({kTenBlocks, kTenBlocks, 100, 0});
+  open({kTenBlocks, kTenBlocks, 100, 50, 0});
   const Sha256 chunk = *put(Bytes(3 * kBlock, 1));
   Bytes list(17, 0xee);  // A manifest, as far as the store knows: the id of its chunk stands somewhere in it.
   for (int i = 0; i < 2; ++i) ByteWriter(list).bytes(chunk.digest);
@@ -221,8 +221,44 @@ TEST_F(AssetStoreTest, LeastRecentlyUsedObjectIsEvicted) {
   EXPECT_EQ(files_left(), store_->objects());
 }
 
+TEST_F(AssetStoreTest, HolderDisplacesItsOwnObjectsBeyondItsShare) {
+  open({.max_total_bytes = kTenBlocks + 10 * 512, .min_idle_us = 0});
+  const Sha256 first = *put(Bytes(2 * kBlock, 100), "victim"), second = *put(Bytes(2 * kBlock, 101), "victim");
+  for (std::uint8_t i = 0; i < 50; ++i) {
+    ASSERT_TRUE(put(Bytes(kBlock, i), "attacker"));
+    EXPECT_TRUE(store_->read(sha256(Bytes(kBlock, i)))) << "used last";
+  }
+  EXPECT_TRUE(store_->contains(first));
+  EXPECT_TRUE(store_->contains(second));
+  EXPECT_FALSE(put(Bytes(9 * kBlock, 102), "attacker"));
+  EXPECT_TRUE(store_->contains(first));
+  EXPECT_TRUE(store_->contains(second));
+}
+
+TEST_F(AssetStoreTest, LoneHolderFillsTheStoreUntilOthersCome) {
+  open({.max_total_bytes = kTenBlocks + 10 * 512, .min_idle_us = 3'600'000'000});
+  std::vector<Sha256> ids;
+  for (std::uint8_t i = 0; i < 9; ++i) ids.push_back(*put(Bytes(kBlock, i), "alone"));
+  ASSERT_TRUE(put(Bytes(3 * kBlock, 100), "other")) << "all is in use, and much of it beyond a share";
+  EXPECT_FALSE(store_->contains(ids[0])) << "unused for longest";
+  EXPECT_TRUE(store_->contains(ids[8]));
+  EXPECT_FALSE(put(Bytes(4 * kBlock, 101), "alone"));
+  EXPECT_TRUE(store_->contains(sha256(Bytes(3 * kBlock, 100))));
+  const auto under_way = store_->begin_upload(sha256(Bytes(5 * kBlock, 102)), "third").value();
+  EXPECT_TRUE(under_way->write(Bytes(2 * kBlock, 102)));
+  EXPECT_FALSE(under_way->write(Bytes(3 * kBlock, 102))) << "nobody else is beyond a share";
+}
+
+TEST_F(AssetStoreTest, SharesCountObjects) {
+  open({.max_objects = 10, .min_idle_us = 0});
+  const Sha256 kept = *put(Bytes(8, 100), "victim");
+  for (std::uint8_t i = 0; i < 50; ++i) ASSERT_TRUE(put(Bytes(8, i), "attacker"));
+  EXPECT_TRUE(store_->contains(kept));
+  EXPECT_EQ(store_->objects(), 10u);
+}
+
 TEST_F(AssetStoreTest, LoadedObjectsKeepTheirOrderOfUse) {
-  open({kTenBlocks, kTenBlocks, 100, 0});
+  open({kTenBlocks, kTenBlocks, 100, 50, 0});
   std::vector<Sha256> ids;
   for (std::uint8_t i = 0; i < 4; ++i) ids.push_back(*put(Bytes(2 * kBlock, i)));
   for (std::size_t i = 0; i < ids.size(); ++i) {
@@ -230,14 +266,14 @@ TEST_F(AssetStoreTest, LoadedObjectsKeepTheirOrderOfUse) {
     fs::last_write_time(folder_ + "/assets/" + hex.substr(0, 2) + "/" + hex,
                         fs::file_time_type::clock::now() - std::chrono::hours(i == 2 ? 9 : 2));
   }
-  open({kTenBlocks, kTenBlocks, 100, 0});
+  open({kTenBlocks, kTenBlocks, 100, 50, 0});
   ASSERT_TRUE(put(Bytes(3 * kBlock, 9)));
   EXPECT_EQ(store_->evicted(), 1u);
   EXPECT_FALSE(store_->contains(ids[2])) << "unused for longest";
 }
 
 TEST_F(AssetStoreTest, UsedAssetIsSearchedOncePerIdleTime) {
-  open({kTenBlocks, kTenBlocks, 100, 3'600'000'000});
+  open({kTenBlocks, kTenBlocks, 100, 50, 3'600'000'000});
   const Sha256 chunk = *put(Bytes(8 * kBlock, 1));
   Bytes list(17, 0xee);
   ByteWriter(list).bytes(chunk.digest);
@@ -258,7 +294,7 @@ TEST_F(AssetStoreTest, UsedAssetIsSearchedOncePerIdleTime) {
 }
 
 TEST_F(AssetStoreTest, RepeatedUploadCountsAsUse) {
-  open({kTenBlocks, kTenBlocks, 100, 0});
+  open({kTenBlocks, kTenBlocks, 100, 50, 0});
   const Sha256 first = *put(Bytes(3 * kBlock, 1)), second = *put(Bytes(3 * kBlock, 2));
   EXPECT_EQ(put(Bytes(3 * kBlock, 1)), first);
   ASSERT_TRUE(put(Bytes(5 * kBlock, 3)));
@@ -284,14 +320,14 @@ TEST_F(AssetStoreTest, ForeignFilesAreIgnored) {
 }
 
 TEST_F(AssetStoreTest, RecentlyUsedObjectStays) {
-  open({kTenBlocks, kTenBlocks, 100, 60'000'000});
+  open({kTenBlocks, kTenBlocks, 100, 50, 60'000'000});
   EXPECT_TRUE(put(Bytes(6 * kBlock, 1)));
   EXPECT_FALSE(put(Bytes(6 * kBlock, 2)));
   EXPECT_TRUE(store_->contains(sha256(Bytes(6 * kBlock, 1))));
 }
 
 TEST_F(AssetStoreTest, EvictedObjectStaysReadableWhileOpen) {
-  open({kTenBlocks, kTenBlocks, 100, 0});
+  open({kTenBlocks, kTenBlocks, 100, 50, 0});
   const Bytes content(6 * kBlock, 1);
   const Sha256 id = *put(content);
   const auto object = store_->read(id).value();
