@@ -9,8 +9,11 @@ Skipped without nats-server.
 import json
 import os
 import pathlib
+import re
 import shutil
 import socket
+import ssl
+import struct
 import subprocess
 import sys
 import tempfile
@@ -182,6 +185,82 @@ class Guarded(OneServer):
         for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
             _, ask = self.broker(f"{password}-{ca}", ca, user="broker", password=password)
             self.assert_degraded(ask)
+
+
+class Rogue:
+    """A client of the NATS server that says what it likes."""
+
+    def __init__(self, test, user, password):
+        sock = socket.create_connection(("127.0.0.1", test.nats), timeout=60)
+        while not sock.recv(4096).endswith(b"\r\n"):
+            pass
+        context = ssl.create_default_context(cafile=f"{test.folder}/ca.pem")
+        self.sock, self.heard = context.wrap_socket(sock, server_hostname="localhost"), b""
+        self.sock.sendall(f'CONNECT {{"verbose":false,"tls_required":true,"user":"{user}","pass":"{password}"}}\r\n'.encode())
+        self.settle()
+
+    def publish(self, subject, data):
+        self.sock.sendall(f"PUB {subject} {len(data)}\r\n".encode() + data + b"\r\n")
+
+    def settle(self):
+        """Everything until the server has done what it was asked."""
+        self.sock.sendall(b"PING\r\n")
+        begin = len(self.heard)
+        while b"PONG\r\n" not in self.heard[begin:]:
+            self.heard += self.sock.recv(65536)
+        return self.heard[begin:]
+
+
+class Trusted(OneServer):
+    def test_the_shipped_permissions_suffice_and_pin_each_broker(self):
+        for name in ("edge-1", "edge-2"):
+            os.environ[name.upper().replace("-", "_") + "_PASSWORD"] = f"secret_of_{name}"
+        self.start_nats((ROOT / "deploy/nats/brokers.conf").read_text())
+        brokers = [self.broker(name, environment={"EIGENCAST_BACKBONE__NAME": name}, user=name, password=f"secret_of_{name}") for name in ("edge-1", "edge-2")]
+        for _, ask in brokers:
+            self.wait_for(lambda: "2 brokers" in ask("/api/broker"), "they do not meet")
+        sender = self.sender(brokers[0][0])
+        self.assert_frames_come(Peer(brokers[1][0], "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        sender.end()
+        self.sender(brokers[1][0])  # It moves.
+        self.assert_frames_come(Peer(brokers[0][0], "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assertNotIn("Violation", self.log.read_text())
+        rogue = Rogue(self, "edge-2", "secret_of_edge-2")
+        for subject in ("alive.edge-1.x", "rows.edge-1.x", "frames.edge-1.x.s"):
+            rogue.publish(f"eigencast.{subject}", b"-")
+            self.assertIn(b"Permissions Violation", rogue.settle(), subject)
+        for subject in ("_INBOX.>", "eigencast.joins.edge-1.*", "eigencast.assets.>"):
+            rogue.sock.sendall(f"SUB {subject} 1\r\n".encode())
+            self.assertIn(b"Permissions Violation", rogue.settle(), subject)
+
+    def test_a_peer_that_speaks_for_others_is_not_believed(self):
+        who = {"user": "broker", "password": "secret"}
+        self.start_nats(self.PASSWORD)
+        (one, _), (two, ask) = (self.broker(name, **who) for name in ("broker-0", "broker-1"))
+        self.wait_for(lambda: "2 brokers" in ask("/api/broker"), "they do not meet")
+        sender = self.sender(one)
+        viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1")
+        self.assert_frames_come(viewer)
+        rogue = Rogue(self, "broker", "secret")
+        rogue.sock.sendall(b"SUB eigencast.rows.> 1\r\nSUB eigencast.frames.> 2\r\n")
+        self.wait_for(lambda: b" eigencast.frames." in rogue.settle() + rogue.heard, "frames have an owner")
+        owner = re.search(rb"eigencast\.frames\.([^ ]+)\.s ", rogue.heard)[1].decode()
+        _, rows = payloads.float_join(600)
+        entry = {"owner": owner, "epoch": 1 << 31, "live": False, "announce": payloads.announce(sender.asset, rows, "float32")}
+        row = lambda revision, key, text: struct.pack("<QBH", revision, 1, len(key)) + key + json.dumps(text).encode()
+        rogue.publish("eigencast.rows.evil.1", row((1 << 63) + 1, b"s", entry))
+        rogue.publish("eigencast.frames.evil.1.s", b"no frame")
+        for number in range(2000):
+            rogue.publish(f"eigencast.alive.evil.{number}", b"+")
+            rogue.publish("eigencast.rows.evil.1", row(1 << 62, f"invented-{number}".encode(), entry))
+        rogue.settle()
+        brokers = lambda: int(re.search(r"\neigencast_broker_backbone_brokers (\d+)", ask("/metrics"))[1])
+        self.wait_for(lambda: brokers() > 100, "its heartbeats come")
+        self.assertLessEqual(brokers(), 2 + 256)
+        self.assertIn("\neigencast_broker_backbone_streams_known 1\n", ask("/metrics"))
+        for _ in range(100):
+            opcode, payload = viewer.receive()
+            self.assertFalse(opcode == TEXT and b'"stalled"' in payload, payload)
 
 
 class Plain(threading.Thread):

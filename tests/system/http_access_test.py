@@ -181,6 +181,16 @@ class HttpAccess(unittest.TestCase):
         self.assertEqual((count, status), (20, 507))
         self.assertIn("assets.max_objects", text)
 
+    def test_one_address_keeps_its_share_of_the_store_only(self):
+        port, _ = self.start("--assets-max-objects=20")
+        put = lambda body, source: ask(port, "PUT", asset_of(body), body, source=source)[0]
+        self.assertEqual(self.refused_after(port, 100)[:2], (20, 507), "alone it may fill it")
+        others = [f"other {count}".encode() for count in range(10)]
+        self.assertEqual([put(body, "127.0.0.2") for body in others], 10 * [201])
+        self.assertEqual(put(b"more", "127.0.0.2"), 507, "what was used a moment ago stays, up to a share")
+        self.assertEqual(put(b"more", "127.0.0.1"), 507)
+        self.assertEqual([ask(port, "GET", asset_of(body))[0] for body in others], 10 * [200])
+
     def test_one_address_does_not_hold_all_uploads(self):
         port, admin = self.start()
         held = [self.slow_upload(port) for _ in range(100)]
