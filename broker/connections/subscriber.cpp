@@ -112,8 +112,10 @@ FramePtr Subscriber::join_of(std::uint32_t stream_id) {
 
 void Subscriber::on_tick() {
   report_skipped();
-  if (!is_closing() && context().config.frames.ladder) {
-    for (auto& [id, watched] : streams_) step(*watched.stream, watched.ladder);
+  for (auto& [id, watched] : streams_) {
+    if (is_closing()) break;
+    if (context().config.frames.ladder) step(*watched.stream, watched.ladder);
+    if (watched.stream->improve(*this)) context().hub.mark_dirty(*watched.stream);
   }
   schedule_write();
 }
@@ -121,7 +123,7 @@ void Subscriber::on_tick() {
 void Subscriber::step(Stream& stream, Ladder& ladder) {
   const auto step = ladder.check(outbox().counts(stream.id()), stream.bands());
   if (!step) return;
-  if (!stream.watch(*this, step->profile)) return ladder.stay();  // The stream has max_profiles already.
+  (void)stream.watch(*this, step->profile);  // Cannot fail: it watches already, and rungs are valid.
   context().hub.mark_dirty(stream);
   ++(step->down ? context().counters.ladder_down : context().counters.ladder_up)[step->rung];
   send(control::Notice{stream.name(), step->why + "; set frames.ladder on the broker to change that", 0});

@@ -65,8 +65,7 @@ std::optional<Ladder::Step> Ladder::check(const Counts& counts, std::uint8_t ban
   const Counts before = std::exchange(seen_, counts);
   const Counts lately{counts.sent - before.sent, counts.skipped - before.skipped, counts.joins - before.joins};
   if (lately.sent == 0) return std::nullopt;  // The reader or the stream pauses.
-  before_ = rung_;
-  if (rung_ == 0 && !is_bad(lately)) {  // The common case.
+  if (rung_ == 0 && !is_bad(lately)) {        // The common case.
     bad_seconds_ = 0;
     return ++good_seconds_ < climbs_after_ ? std::nullopt : climb({});
   }
@@ -105,10 +104,6 @@ std::optional<Ladder::Step> Ladder::climb(const std::vector<Profile>& rungs) {
   const Profile& next = rungs[--rung_];
   return Step{next, false, rung_name(next, requested_),
               "the link took everything for a while: now " + in_words(next) + " again"};
-}
-
-void Ladder::stay() {
-  rung_ = before_;
 }
 
 }  // namespace eigencast::broker

@@ -32,8 +32,6 @@ class Ladder {
 
   /// Call once a second. `bands`: those of the stream. Returns the step to take now, if any.
   std::optional<Step> check(const Counts& counts, std::uint8_t bands);
-  /// Reverts the step of check(), which could not be taken.
-  void stay();
 
   std::size_t rung() const { return rung_; }
 
@@ -44,7 +42,6 @@ class Ladder {
   Profile requested_;
   Counts seen_;
   std::size_t rung_ = 0;
-  std::size_t before_ = 0;
   std::uint16_t bad_seconds_ = 0;
   std::uint16_t good_seconds_ = 0;
   std::uint16_t climbs_after_;  ///< Good seconds; doubles after a relapse.

@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "broker/relay/profile_budget.h"
 #include "broker/websocket/protocol.h"
 
 namespace eigencast::broker {
@@ -223,26 +224,25 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
 Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (const auto checked = check_profile(wanted); !checked) return checked;
   deliver();
-  const Profile profile = canonical(wanted);
-  const auto before = watched_.find(&watcher);
-  const bool known = before != watched_.end();
-  const std::size_t given_up = known && wanted_.at(before->second.wanted) == 1 ? 1 : 0;
-  if (wanted_.size() - given_up >= settings_.max_profiles && !wanted_.contains(profile)) {
-    return fail(ErrorCode::kTooLarge,
-                "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
-                    " profiles, the most that limits.max_profiles_per_stream allows: request for a common one");
-  }
+  const bool known = watched_.contains(&watcher);
   if (known) {
     forget(watcher);
   } else if (auto placed = add_watcher(watcher); !placed) {
     return placed;
   }
-  ++wanted_[profile];
-  Watched& watched = watched_[&watcher] = {profile, nullptr};
+  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr};
   if (present_.epoch != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
   if (!known) report_count();
   return {};
+}
+
+bool Stream::improve(Watcher& watcher) {
+  const auto found = watched_.find(&watcher);
+  if (found == watched_.end() || found->second.group == nullptr) return false;
+  const Profile present = found->second.group->feed.profile(), wanted = found->second.wanted;
+  if (present == effective(wanted) || present == affordable(wanted)) return false;
+  return static_cast<bool>(watch(watcher, wanted));
 }
 
 Result<void> Stream::add_watcher(Watcher& watcher) {
@@ -342,22 +342,33 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.key_rate_hz = present_.announced.key_rate_hz;
   info.world = present_.announced.world;
   if (const auto found = watched_.find(&watcher); found != watched_.end())
-    info.profile = effective(found->second.wanted);
+    info.profile = found->second.group != nullptr ? found->second.group->feed.profile() : found->second.wanted;
   return info;
 }
 
 Profile Stream::effective(const Profile& wanted) const {
   Profile profile = wanted;
-  if (present_.epoch != 0) {
-    profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands());
-    if (profile.scheme == Profile::Scheme::kHermite && present_.announced.format.velocity_channels == 0)
-      profile.scheme = Profile::Scheme::kLinear;  // The `stream` message reports this to the viewer.
-  }
+  profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands());
+  if (profile.scheme == Profile::Scheme::kHermite && present_.announced.format.velocity_channels == 0)
+    profile.scheme = Profile::Scheme::kLinear;
   return profile;
 }
 
+/// What a new watcher of the profile gets. The `stream` message reports it.
+Profile Stream::affordable(const Profile& wanted) const {
+  const Profile profile = effective(wanted);
+  if (is_common(profile) || groups_.contains(profile)) return profile;
+  std::size_t cost = cost_of(profile);
+  std::vector<Profile> served;
+  for (const auto& [other, group] : groups_) {
+    served.push_back(other);
+    if (!is_common(other)) cost += cost_of(other);
+  }
+  return cost <= settings_.max_profiles ? profile : nearest_profile(profile, served);
+}
+
 void Stream::join_group(Watcher& watcher, Watched& watched) {
-  const Profile profile = effective(watched.wanted);
+  const Profile profile = affordable(watched.wanted);
   auto& group = groups_[profile];
   if (!group) {
     const VelocityChannels velocities{present_.announced.format.velocity_channels,
@@ -373,9 +384,8 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
 /// Gives up its profile and its slot in the group.
 void Stream::forget(const Watcher& watcher) {
   const auto found = watched_.find(&watcher);
-  const auto [profile, group] = found->second;
+  Group* group = found->second.group;
   watched_.erase(found);
-  if (const auto wanted = wanted_.find(profile); --wanted->second == 0) wanted_.erase(wanted);
   if (group == nullptr) return;
   std::erase(group->watchers, &watcher);
   if (group->watchers.empty()) groups_.erase(Profile(group->feed.profile()));

@@ -111,7 +111,7 @@ class Stream {
   struct Settings {
     TimeUs max_span_us = 500'000;         ///< Keys further apart are not bridged by interpolation (default: 500 ms).
     std::uint32_t max_watchers = 10'000;  ///< More are refused (default: 10,000).
-    std::size_t max_profiles = 64;        ///< Different profiles watched at a time; more are refused (default: 64).
+    std::size_t max_profiles = 64;        ///< The budget of profiles that are not common (default: 64).
     std::vector<StreamTap*> taps{};       ///< Each outlives the stream (default: none).
     TimeUs max_ahead_us = 200'000;        ///< Estimates end this long after the newest key (default: 200 ms).
   };
@@ -159,8 +159,12 @@ class Stream {
   void set_mirror_trace(std::uint32_t every);
   void report_count();
 
-  /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (watchers, profiles).
+  /// Adds a watcher, or changes its profile. Beyond the budget it gets the nearest_profile(); info_for() has what it
+  /// gets. Calls on_stream_changed. Errors: kTooLarge (watchers), kInvalidArgument.
   Result<void> watch(Watcher& watcher, const Profile& profile);
+  /// Serves a watcher what it asked for, or nearer, if the budget has come to allow it. Call now and then. Returns
+  /// whether anything changed.
+  bool improve(Watcher& watcher);
   void unwatch(Watcher& watcher);
 
   void pump(TimeUs now_us);
@@ -212,6 +216,7 @@ class Stream {
   };
 
   Profile effective(const Profile& wanted) const;
+  Profile affordable(const Profile& wanted) const;
   void join_group(Watcher& watcher, Watched& watched);
   void forget(const Watcher& watcher);
   void deliver(Group& group);
@@ -230,7 +235,6 @@ class Stream {
   std::uint32_t mirror_trace_ = 0;
   CoefficientLayout layout_;
   std::unordered_map<const Watcher*, Watched> watched_;
-  std::map<Profile, std::uint32_t> wanted_;  ///< Number of watchers of each; valid before the first epoch too.
   std::map<Profile, std::unique_ptr<Group>> groups_;
   std::vector<Watcher*> order_;    ///< All watchers, in order of arrival.
   bool has_pending_ = false;       ///< In any group.

@@ -87,15 +87,6 @@ TEST_F(LadderTest, ClimbsMoreSlowlyAfterRelapses) {
   EXPECT_LE(last, 160);
 }
 
-TEST_F(LadderTest, FailedStepIsRetried) {
-  ASSERT_TRUE(bad_seconds(2));
-  ladder_.stay();
-  EXPECT_EQ(ladder_.rung(), 0u);
-  const auto again = bad_seconds(2);
-  ASSERT_TRUE(again);
-  EXPECT_EQ(again->profile.form, Profile::Form::kCompact);
-}
-
 TEST(LadderOfOthersTest, TopRungIsTheRequestedProfile) {
   Profile asked;
   asked.rate = Profile::Rate::kRaw;

@@ -108,15 +108,14 @@ TEST_F(StreamTest, KeyCannotBeginChain) {
   EXPECT_EQ(added.error().code, ErrorCode::kCorrupt);
 }
 
-TEST_F(StreamTest, WatchersAndProfilesAreCapped) {
-  Stream stream("a", 1, {500'000, 2, 1});
+TEST_F(StreamTest, WatchersAreCapped) {
+  Stream stream("a", 1, {500'000, 2});
   ASSERT_TRUE(stream.claim(sender_));
   ASSERT_TRUE(stream.announce(small_announce(), 1));
   FakeReceiver a;
   FakeReceiver b;
   FakeReceiver c;
   ASSERT_TRUE(stream.watch(a, kRaw));
-  EXPECT_EQ(stream.watch(b, kFull).error().code, ErrorCode::kTooLarge);
   ASSERT_TRUE(stream.watch(b, kRaw));
   EXPECT_EQ(stream.watch(c, kRaw).error().code, ErrorCode::kTooLarge);
   stream.unwatch(a);
@@ -124,19 +123,14 @@ TEST_F(StreamTest, WatchersAndProfilesAreCapped) {
   EXPECT_EQ(sender_.counts, (std::vector<std::uint32_t>{0, 1, 2, 1, 2}));
 }
 
-TEST_F(StreamTest, ProfilesAreCappedWithoutSender) {
-  Stream stream("a", 1, {500'000, 10, 2});
+TEST_F(StreamTest, WishesForTheSameFramesShareAProfile) {
+  begin();
   std::vector<FakeReceiver> receivers(4);
-  ASSERT_TRUE(stream.watch(receivers[0], kRaw));
-  ASSERT_TRUE(stream.watch(receivers[1], kFull));
-  EXPECT_EQ(stream.watch(receivers[2], kCompact).error().code, ErrorCode::kTooLarge);
-  EXPECT_TRUE(stream.watch(receivers[2], Profile{Profile::Rate::kRaw, 7})) << "raw has no k";
-  EXPECT_TRUE(stream.watch(receivers[1], kCompact)) << "the only one of its profile may change it";
-  stream.unwatch(receivers[1]);
-  EXPECT_TRUE(stream.watch(receivers[3], kFull));
-  ASSERT_TRUE(stream.claim(sender_));
-  ASSERT_TRUE(stream.announce(small_announce(), 1));
-  EXPECT_EQ(stream.profile_count(), 2u);
+  ASSERT_TRUE(stream_.watch(receivers[0], kRaw));
+  ASSERT_TRUE(stream_.watch(receivers[1], Profile{Profile::Rate::kRaw, 7})) << "raw has no k";
+  ASSERT_TRUE(stream_.watch(receivers[2], kFull));
+  ASSERT_TRUE(stream_.watch(receivers[3], Profile{.bands = 2})) << "the stream has two bands";
+  EXPECT_EQ(stream_.profile_count(), 2u);
 }
 
 control::Trace trace_from(const std::string& text) {
