@@ -38,17 +38,23 @@ TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst
   return ahead_us <= allowed_us + 0.5 ? 0 : static_cast<TimeUs>(std::ceil(ahead_us - allowed_us));
 }
 
+Result<void> without_wait(const Result<TimeUs>& taken) {
+  return taken ? Result<void>() : taken.error();
+}
+
 }  // namespace
 
-bool RateLimiter::take(double amount, double per_s, double burst, TimeUs now_us) {
-  if (per_s <= 0) return true;
+std::optional<TimeUs> RateLimiter::take(double amount, double per_s, double burst, TimeUs now_us, TimeUs max_wait_us) {
+  if (per_s <= 0) return 0;
   double paid_until_us = paid_until_us_;
   double then = 0;
+  TimeUs wait_us = 0;
   do {
-    if (wait_from(paid_until_us, amount, per_s, burst, now_us) > 0) return false;
+    wait_us = wait_from(paid_until_us, amount, per_s, burst, now_us);
+    if (wait_us > max_wait_us) return std::nullopt;
     then = std::max(paid_until_us, static_cast<double>(now_us)) + amount * 1e6 / per_s;
   } while (!paid_until_us_.compare_exchange_weak(paid_until_us, then));
-  return true;
+  return wait_us;
 }
 
 TimeUs RateLimiter::wait_us(double amount, double per_s, double burst, TimeUs now_us) const {
@@ -65,8 +71,8 @@ bool UseCount::take(std::int64_t max) {
 
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
-         messages.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
-         failures.is_idle(now_us);
+         messages.is_idle(now_us) && requests.is_idle(now_us) && upload_bytes.is_idle(now_us) &&
+         download_bytes.is_idle(now_us) && failures.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -122,6 +128,10 @@ Result<void> Grant::may_fetch_assets() const {
 bool Grant::may_see(std::string_view stream) const {
   const Rights& rights = identity_.rights;
   return rights.admin || rights.subscribe.matches(stream) || rights.publish.matches(stream);
+}
+
+std::size_t Grant::patterns() const {
+  return identity_.rights.subscribe.texts().size() + identity_.rights.publish.texts().size();
 }
 
 Result<void> Grant::may_administer() const {
@@ -180,29 +190,35 @@ std::string Grant::holder() const {
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {
-  return take_rate({"messages_per_s", &Account::messages, &Quota::messages_per_s, 1}, 1, now_us);
+  return without_wait(take_rate({"messages_per_s", &Account::messages, &Quota::messages_per_s, 1}, 1, now_us));
 }
 
 Result<void> Grant::take_upload(std::uint64_t bytes, TimeUs now_us) {
-  return take_rate({"upload_bytes_per_hour", &Account::upload_bytes, &Quota::upload_bytes_per_hour, 3600}, bytes,
-                   now_us);
+  return without_wait(take_rate({"upload_bytes_per_hour", &Account::upload_bytes, &Quota::upload_bytes_per_hour, 3600},
+                                static_cast<double>(bytes), now_us));
 }
 
 Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
-  return take_rate({"download_bytes_per_hour", &Account::download_bytes, &Quota::download_bytes_per_hour, 3600}, bytes,
-                   now_us);
+  return without_wait(
+      take_rate({"download_bytes_per_hour", &Account::download_bytes, &Quota::download_bytes_per_hour, 3600},
+                static_cast<double>(bytes), now_us));
 }
 
-Result<void> Grant::take_rate(const Rate& rate, std::uint64_t amount, TimeUs now_us) {
+Result<TimeUs> Grant::take_requests(double cost, TimeUs now_us, TimeUs max_wait_us) {
+  return take_rate({"requests_per_s", &Account::requests, &Quota::requests_per_s, 1}, cost, now_us, max_wait_us);
+}
+
+Result<TimeUs> Grant::take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us) {
+  TimeUs longest_us = 0;
   for (const Holder& holder : holders_) {
     const std::int64_t max = policy_->quota(holder.is_token).*rate.max;
     const auto burst = static_cast<double>(max);
     RateLimiter& limiter = (*holder.account).*rate.limiter;
-    if (!limiter.take(static_cast<double>(amount), burst / rate.period_s, burst, now_us)) {
-      return over(holder, rate.setting, max);
-    }
+    const auto wait_us = limiter.take(amount, burst / rate.period_s, burst, now_us, max_wait_us);
+    if (!wait_us) return over(holder, rate.setting, max);
+    longest_us = std::max(longest_us, *wait_us);
   }
-  return {};
+  return longest_us;
 }
 
 std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {

@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -21,8 +22,9 @@ namespace eigencast::broker {
 /// 1996). Thread-safe, without a lock.
 class RateLimiter {
  public:
+  /// How long to wait before using what was taken; nothing: longer than max_wait_us, and it was not taken.
   /// `per_s` <= 0: no limit.
-  bool take(double amount, double per_s, double burst, TimeUs now_us);
+  std::optional<TimeUs> take(double amount, double per_s, double burst, TimeUs now_us, TimeUs max_wait_us = 0);
   TimeUs wait_us(double amount, double per_s, double burst, TimeUs now_us) const;
   bool is_idle(TimeUs now_us) const { return paid_until_us_ <= static_cast<double>(now_us); }
 
@@ -45,6 +47,7 @@ class UseCount {
 struct Account {
   std::array<UseCount, kResources> resources;
   RateLimiter messages;
+  RateLimiter requests;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
   RateLimiter failures;
@@ -84,6 +87,7 @@ class Grant {
   Result<void> may_store_assets() const;
   Result<void> may_fetch_assets() const;
   bool may_see(std::string_view stream) const;  ///< In the list of streams.
+  std::size_t patterns() const;                 ///< That may_see() compares, at most.
   Result<void> may_administer() const;
   bool has_expired(std::int64_t now_unix_s) const;  ///< If access.expiry_disconnects is set.
   bool is_void();                                   ///< A reload has revoked it.
@@ -97,6 +101,8 @@ class Grant {
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
+  /// HTTP requests of a cost. Returns how long their answer must wait, up to max_wait_us.
+  Result<TimeUs> take_requests(double cost, TimeUs now_us, TimeUs max_wait_us);
 
  private:
   friend class Gate;
@@ -111,7 +117,7 @@ class Grant {
     std::int64_t Quota::*max;  ///< In a period, and at once.
     double period_s;
   };
-  Result<void> take_rate(const Rate& rate, std::uint64_t amount, TimeUs now_us);
+  Result<TimeUs> take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us = 0);
   Error over(const Holder& holder, const char* limit, std::int64_t max) const;
 
   Gate& gate_;

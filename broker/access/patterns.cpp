@@ -80,7 +80,7 @@ const std::vector<std::string>& StreamPatterns::texts() const {
 
 bool StreamPatterns::matches(std::string_view stream) const {
   return std::any_of(texts().begin(), texts().end(),
-                     [&](const std::string& pattern) { return name_matches(pattern, stream); });
+                     [&](const std::string& pattern) { return pattern == "**" || name_matches(pattern, stream); });
 }
 
 }  // namespace eigencast::broker

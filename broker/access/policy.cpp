@@ -96,6 +96,7 @@ Quota quota_from(const Limits& limits) {
   return {{limits.connections, limits.publishers, limits.streams, limits.uploads, limits.sent_streams,
            limits.waiting_streams},
           limits.messages_per_s,
+          limits.requests_per_s,
           limits.upload_bytes_per_hour,
           limits.download_bytes_per_hour};
 }

@@ -63,6 +63,7 @@ inline constexpr std::size_t kResources = 6;
 struct Quota {
   std::array<std::int64_t, kResources> resources{};
   std::int64_t messages_per_s = 0;
+  std::int64_t requests_per_s = 0;
   std::int64_t upload_bytes_per_hour = 0;
   std::int64_t download_bytes_per_hour = 0;
 };

@@ -118,6 +118,12 @@ void HttpConnection::arm(std::int64_t timeout_ms) {
   });
 }
 
+void HttpConnection::later(TimeUs wait_us, std::function<void()> then) {
+  if (wait_us <= 0) return then();
+  run_after(timer_, std::chrono::microseconds(wait_us),
+            [self = shared_from_this(), then = std::move(then)] { then(); });
+}
+
 void HttpConnection::close() {
   timer_.cancel();
   transport_.close();

@@ -91,6 +91,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Closes the connection after `timeout_ms` unless called again.
   void arm(std::int64_t timeout_ms);
   void disarm() { timer_.cancel(); }
+  /// Calls `then` after `wait_us`, until when nothing times out; at once if that is 0.
+  void later(TimeUs wait_us, std::function<void()> then);
   /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
   void close();

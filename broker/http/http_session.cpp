@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <ctime>
-#include <nlohmann/json.hpp>
+#include <limits>
 #include <utility>
 
 #include "broker/connections/echo.h"
@@ -12,6 +12,7 @@
 #include "broker/http/asset_transfer.h"
 #include "broker/http/http_connection.h"
 #include "broker/http/http_target.h"
+#include "broker/http/stream_list.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/hub.h"
 #include "broker/websocket/protocol.h"
@@ -21,15 +22,25 @@
 namespace eigencast::broker {
 namespace {
 
-nlohmann::ordered_json json_of(const Stream& stream) {
-  return {{"stream", stream.name()},
-          {"stream_id", stream.id()},
-          {"state", name_of(stream.state())},
-          {"epoch", stream.epoch()},
-          {"asset", stream.asset()},
-          {"key_rate_hz", stream.key_rate_hz()},
-          {"keys_received", stream.keys_received()},
-          {"subscribers", stream.watchers()}};
+constexpr std::size_t kMaxListed = 1000;
+/// Names and patterns compared in about the time that an ordinary request takes.
+constexpr double kNamesPerRequest = 100;
+constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
+constexpr int kMaxRequestWaitS = 5;
+/// Refusals come so late that a client that asks at once again costs little.
+constexpr TimeUs kRefusalWaitUs = 1'000'000;
+constexpr TimeUs kForeverUs = std::numeric_limits<TimeUs>::max();
+
+/// The name that a page of the list follows.
+Result<std::string> page_from_query(std::string_view query) {
+  constexpr std::string_view kAfter = "after=";
+  for (const std::string_view parameter : split(query, '&')) {
+    if (!parameter.starts_with(kAfter)) continue;
+    std::string name(parameter.substr(kAfter.size()));
+    if (auto ok = check_stream_name(name); !ok) return ok.error();
+    return name;
+  }
+  return std::string();
 }
 
 bool offers_subprotocol(std::string_view header) {
@@ -51,7 +62,7 @@ class HttpSession final : public HttpConnection {
   Limits limits() const override {
     const Config& config = context().config;
     return {config.timeouts.header_ms, config.timeouts.transfer_ms,
-            static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes"};
+            static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes", grant_ != nullptr};
   }
 
   void decorate(HttpHeaders& headers) const override {
@@ -63,24 +74,46 @@ class HttpSession final : public HttpConnection {
     headers.emplace_back("Access-Control-Expose-Headers", "Accept-Ranges, Content-Range, ETag, Retry-After");
   }
 
+  struct Task {
+    std::function<void()> run;
+    double cost = 1;  ///< In ordinary requests.
+  };
+
   void on_head() override {
-    const auto parsed = target_from_text(target(), context().config.proxy.path_prefix);
-    if (!parsed) {
-      const bool missing = parsed.error().code == ErrorCode::kNotFound;
-      return answer_error(missing ? HttpStatus::kNotFound : HttpStatus::kBadRequest, parsed.error());
-    }
-    if (method() == "OPTIONS") return answer_preflight();
-    if (admit(*parsed)) serve(*parsed);
+    if (!grant_) return answer_denial({429, "too many connections from this address (per_address.connections)", 1});
+    Task task = admitted();
+    const TimeUs now_us = steady_now_us();
+    const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
+    const TimeUs wait_us = *requests_.take(task.cost, per_s, per_s, now_us, kForeverUs);
+    const auto holder_wait_us = grant_->take_requests(task.cost, now_us, kMaxRequestWaitUs);
+    if (holder_wait_us) return later(std::max(wait_us, *holder_wait_us), std::move(task.run));
+    later(std::max(wait_us, kRefusalWaitUs), [this, why = holder_wait_us.error().message] {
+      answer_denial({429, why, kMaxRequestWaitS});
+    });
   }
 
-  bool admit(const Target& target) {
-    if (!grant_) return refuse({429, "too many connections from this address (per_address.connections)", 1});
-    auto admitted = context().gate.admit(access_request(target.token), steady_now_us(), std::time(nullptr));
-    if (const auto* denied = std::get_if<Denial>(&admitted)) return refuse(*denied);
+  /// What the request asks for, or its refusal; admits who asks.
+  Task admitted() {
+    auto parsed = target_from_text(target(), context().config.proxy.path_prefix);
+    if (!parsed) {
+      const bool missing = parsed.error().code == ErrorCode::kNotFound;
+      return {[this, missing, error = parsed.error()] {
+        answer_error(missing ? HttpStatus::kNotFound : HttpStatus::kBadRequest, error);
+      }};
+    }
+    if (method() == "OPTIONS") return {[this] { answer_preflight(); }};
+    const auto refused = [this](const Denial& denial) { return Task{[this, denial] { answer_denial(denial); }}; };
+    auto admission = context().gate.admit(access_request(parsed->token), steady_now_us(), std::time(nullptr));
+    if (const auto* denied = std::get_if<Denial>(&admission)) return refused(*denied);
     grant_.reset();  // First: it counts towards the same limit.
-    grant_ = std::move(std::get<GrantPtr>(admitted));
+    grant_ = std::move(std::get<GrantPtr>(admission));
     const auto taken = grant_->take(Resource::kConnection);
-    return taken || refuse({429, taken.error().message, 1});
+    if (!taken) return refused({429, taken.error().message, 1});
+    Task task{[this, target = *parsed] { serve(target); }};
+    if (parsed->kind == Target::Kind::kStreams) {
+      task.cost += static_cast<double>(context().hub.size() * (1 + grant_->patterns())) / kNamesPerRequest;
+    }
+    return task;
   }
 
   bool refuse(const Denial& denial) {
@@ -106,19 +139,19 @@ class HttpSession final : public HttpConnection {
       case Target::Kind::kEcho:
         return upgrade(target);
       case Target::Kind::kStreams:
-        return serve_streams();
+        return serve_streams(target.query);
       case Target::Kind::kAsset:
         return serve_asset(*Sha256::from_hex(target.name));
     }
   }
 
-  void serve_streams() {
+  void serve_streams(std::string_view query) {
     if (!reads()) return refuse_method("the stream list is read by GET or HEAD", "GET, HEAD");
-    auto list = nlohmann::ordered_json::array();
-    for (const Stream* stream : context().hub.streams()) {
-      if (grant_->may_see(stream->name())) list.push_back(json_of(*stream));
-    }
-    answer(HttpStatus::kOk, nlohmann::ordered_json{{"streams", list}}.dump() + "\n", {{"Cache-Control", "no-store"}});
+    const auto after = page_from_query(query);
+    if (!after) return answer_error(HttpStatus::kBadRequest, after.error());
+    const auto may_see = [this](std::string_view name) { return grant_->may_see(name); };
+    answer(HttpStatus::kOk, page_of_streams(context().hub, *after, kMaxListed, may_see),
+           {{"Cache-Control", "no-store"}});
   }
 
   void serve_asset(const Sha256& id) {
@@ -207,6 +240,7 @@ class HttpSession final : public HttpConnection {
   }
 
   ConnectionCount counted_;
+  RateLimiter requests_;
   GrantPtr grant_;  ///< The connection's at first, then the latest requester's. Null: too many connections.
 };
 

@@ -117,10 +117,9 @@ std::optional<TimeUs> Hub::next_due_us() const {
   return wakeups_.begin()->first;
 }
 
-std::vector<const Stream*> Hub::streams() const {
+std::vector<const Stream*> Hub::streams(std::string_view after) const {
   std::vector<const Stream*> all;
-  all.reserve(streams_.size());
-  for (const auto& [name, stream] : streams_) all.push_back(stream.get());
+  for (auto at = streams_.upper_bound(after); at != streams_.end(); ++at) all.push_back(at->second.get());
   return all;
 }
 

@@ -47,8 +47,8 @@ class Hub {
   void prepare();
   std::optional<TimeUs> next_due_us() const;
 
-  /// Sorted by name; valid until the next open() or unwatched().
-  std::vector<const Stream*> streams() const;
+  /// Sorted by name, those after a name only; valid until the next open() or unwatched().
+  std::vector<const Stream*> streams(std::string_view after = {}) const;
   std::size_t size() const { return streams_.size(); }
 
  private:

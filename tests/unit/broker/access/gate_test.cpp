@@ -508,6 +508,22 @@ TEST(RateLimiterTest, NeverExceedsRateTimesTimePlusBurst) {
   EXPECT_TRUE(pace.take(20, 100, 20, 10 * kSecond + wait));
 }
 
+TEST_F(GateTest, RequestsWaitAndAreThenRefused) {
+  config_.per_address.requests_per_s = 10;
+  const auto grant = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
+  const auto take = [&](double cost, TimeUs now_us) { return grant->take_requests(cost, now_us, 2 * kSecond); };
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(take(1, kSecond).value(), 0) << "at once";
+  EXPECT_EQ(take(1, kSecond).value(), kSecond / 10);
+  EXPECT_EQ(take(9, kSecond).value(), kSecond);
+  EXPECT_EQ(take(10, kSecond).value(), 2 * kSecond);
+  const auto refused = take(1, kSecond);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kRefused);
+  EXPECT_THAT(refused.error().message, HasSubstr("per_address.requests_per_s = 10"));
+  EXPECT_EQ(let_in(request_from("127.0.0.1"))->take_requests(1, kSecond, 0).value(), 0) << "others go on";
+  EXPECT_EQ(take(1, 4 * kSecond).value(), 0);
+}
+
 TEST(RateLimiterTest, WithAnEndlessBurstWhatIsTakenIsPaidLater) {
   RateLimiter pace;
   constexpr double kEndless = std::numeric_limits<double>::infinity();

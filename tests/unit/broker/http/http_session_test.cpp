@@ -3,14 +3,17 @@
 // What HTTP clients of a whole broker are answered.
 #include <gmock/gmock.h>
 
+#include "common/core/clock.h"
 #include "tests/unit/broker/service.h"
 
 namespace eigencast::broker {
 namespace {
 
 using namespace testing;
+using ::testing::AllOf;
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::StartsWith;
 using HttpSessionTest = ServiceTest;
 
@@ -36,6 +39,54 @@ TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
   const std::string empty = put_asset("");
   EXPECT_EQ(request("GET", "/v1/assets/" + empty).body, "");
   EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"streams\":[]"));
+}
+
+TEST_F(HttpSessionTest, StreamListGoesOnAfterAName) {
+  const auto first = sender("lab/a"), second = sender("lab/b");
+  Client viewer(port_, "/v1/subscribe/invented");
+  viewer.wait_for<control::StreamInfo>();
+  const std::string all = request("GET", "/v1/streams").body;
+  EXPECT_THAT(all, AllOf(HasSubstr("lab/a"), HasSubstr("lab/b"), Not(HasSubstr("invented"))));
+  EXPECT_THAT(request("GET", "/v1/streams?after=lab/a").body, AllOf(Not(HasSubstr("lab/a")), HasSubstr("lab/b")));
+  EXPECT_EQ(request("GET", "/v1/streams?after=//").status, 400);
+}
+
+TEST_F(HttpSessionTest, RequestsOfAnAddressHaveARate) {
+  stop();
+  config_.per_address.requests_per_s = 1;
+  for (int i = 0; i < 200; ++i) config_.access.anonymous_publish.push_back("studio-" + std::to_string(i));
+  start();
+  Client viewer(port_, "/v1/subscribe");
+  for (int i = 0; i < 20; ++i) {
+    viewer.send(control::Subscribe{"s" + std::to_string(i), kRaw});
+    viewer.wait_for<control::StreamInfo>();
+  }
+  EXPECT_EQ(request("GET", "/v1/streams").status, 200) << "20 names and 200 patterns: it counts as 41";
+  const auto refused = request("GET", "/v1/assets/" + std::string(64, '0'));
+  EXPECT_EQ(refused.status, 429);
+  EXPECT_EQ(refused.headers.at("Retry-After"), "5");
+  EXPECT_THAT(refused.body, HasSubstr("per_address.requests_per_s = 1"));
+  EXPECT_EQ(Client(port_, "/v1/subscribe").status(), 429) << "upgrades are requests";
+  viewer.send(control::Ping{7, 9});
+  EXPECT_EQ(viewer.wait_for<control::Pong>().id, 7u) << "who is in goes on";
+}
+
+TEST_F(HttpSessionTest, RequestsOfAConnectionWaitTheirTurn) {
+  stop();
+  config_.limits.requests_per_s = 10;
+  start();
+  Wire wire(port_);
+  std::string requests;
+  for (int i = 0; i < 29; ++i) requests += "GET /v1/streams HTTP/1.1\r\n\r\n";
+  const TimeUs began_us = steady_now_us();
+  wire.write(requests + "GET /v1/streams HTTP/1.1\r\nConnection: close\r\n\r\n");
+  const std::string answers = wire.read_all().value_or("reset");
+  EXPECT_GE(steady_now_us() - began_us, 1'900'000) << "ten at once, ten a second";
+  std::size_t count = 0;
+  for (auto at = answers.find("HTTP/1.1 200"); at != std::string::npos; at = answers.find("HTTP/1.1 200", at + 1)) {
+    ++count;
+  }
+  EXPECT_EQ(count, 30u);
 }
 
 TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
