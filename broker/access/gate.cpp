@@ -61,18 +61,18 @@ TimeUs RateLimiter::wait_us(double amount, double per_s, double burst, TimeUs no
   return per_s <= 0 ? 0 : wait_from(paid_until_us_, amount, per_s, burst, now_us);
 }
 
-bool UseCount::take(std::int64_t max) {
+bool UseCount::take(std::int64_t max, std::int64_t amount) {
   std::int64_t count = count_;
   do {
-    if (count >= max) return false;
-  } while (!count_.compare_exchange_weak(count, count + 1));
+    if (count > max - amount) return false;
+  } while (!count_.compare_exchange_weak(count, count + amount));
   return true;
 }
 
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
-         messages.is_idle(now_us) && requests.is_idle(now_us) && upload_bytes.is_idle(now_us) &&
-         download_bytes.is_idle(now_us) && failures.is_idle(now_us);
+         unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
+         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -183,6 +183,32 @@ Result<std::shared_ptr<void>> Grant::hold(Resource resource) const {
   if (!holder.account->resources[index].take(most)) return over(holder, kResourceNames[index], most);
   return std::shared_ptr<void>(holder.account.get(),
                                [account = holder.account, index](void*) { account->resources[index].give_back(); });
+}
+
+Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
+  struct Held {
+    ~Held() {
+      for (const auto& count : counts) count->give_back(bytes);
+    }
+    std::int64_t bytes;
+    std::vector<std::shared_ptr<UseCount>> counts{};
+  };
+  if (bytes <= kFreeBytes) return std::shared_ptr<void>();
+  const auto held = std::make_shared<Held>(Held{static_cast<std::int64_t>(bytes)});
+  const auto take = [&](std::shared_ptr<UseCount> count, std::int64_t max) {
+    if (!count->take(max, held->bytes)) return false;
+    held->counts.push_back(std::move(count));
+    return true;
+  };
+  for (const Holder& holder : holders_) {
+    const std::int64_t max = policy_->quota(holder.is_token).unfinished_bytes;
+    if (!take({holder.account, &holder.account->unfinished_bytes}, max)) return over(holder, "unfinished_bytes", max);
+  }
+  if (!take({std::shared_ptr<void>(), &gate_.unfinished_bytes_}, policy_->max_unfinished_bytes())) {
+    return fail(ErrorCode::kRefused, "unfinished messages and requests take limits.max_unfinished_bytes = " +
+                                         std::to_string(policy_->max_unfinished_bytes()) + " here: try again later");
+  }
+  return std::shared_ptr<void>(held);
 }
 
 std::string Grant::holder() const {

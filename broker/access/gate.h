@@ -32,11 +32,11 @@ class RateLimiter {
   std::atomic<double> paid_until_us_{0};
 };
 
-/// Counts objects in use. Thread-safe, without a lock.
+/// Counts objects or bytes in use. Thread-safe, without a lock.
 class UseCount {
  public:
-  bool take(std::int64_t max);
-  void give_back() { --count_; }
+  bool take(std::int64_t max, std::int64_t amount = 1);
+  void give_back(std::int64_t amount = 1) { count_ -= amount; }
   bool is_idle() const { return count_ == 0; }
 
  private:
@@ -46,6 +46,7 @@ class UseCount {
 /// Usage of one address or token. Thread-safe.
 struct Account {
   std::array<UseCount, kResources> resources;
+  UseCount unfinished_bytes;
   RateLimiter messages;
   RateLimiter requests;
   RateLimiter upload_bytes;
@@ -98,6 +99,10 @@ class Grant {
   /// The same for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
   Result<std::shared_ptr<void>> hold(Resource resource) const;
   std::string holder() const;  ///< Whose limits hold() counts towards: a key among tokens and addresses.
+  /// Memory of a message that came in part, or of an answer sent in part: counts until the pointer ends, towards these
+  /// limits and that of all. The first kFreeBytes of a connection are free (null). Errors: kRefused.
+  static constexpr std::size_t kFreeBytes = 4096;
+  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const;
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
@@ -155,6 +160,7 @@ class Gate {
   std::shared_ptr<const AccessPolicy> policy_;  ///< GUARDED_BY(policy_mutex_)
   Ledger addresses_;
   Ledger tokens_;
+  UseCount unfinished_bytes_;
   std::atomic<std::uint64_t> denied_{0};
 };
 

@@ -95,6 +95,7 @@ template <typename Limits>
 Quota quota_from(const Limits& limits) {
   return {{limits.connections, limits.publishers, limits.streams, limits.uploads, limits.sent_streams,
            limits.waiting_streams},
+          limits.unfinished_bytes,
           limits.messages_per_s,
           limits.requests_per_s,
           limits.upload_bytes_per_hour,
@@ -162,6 +163,7 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   policy->hosts_ = config.access.hosts;
   policy->of_address_ = quota_from(config.per_address);
   policy->of_token_ = quota_from(config.per_token);
+  policy->max_unfinished_bytes_ = config.limits.max_unfinished_bytes;
   policy->failures_per_minute_ = config.access.failures_per_minute;
   policy->expiry_disconnects_ = config.access.expiry_disconnects;
   policy->proxy_header_ = config.proxy.header == "forwarded" ? ProxyHeader::kForwarded : ProxyHeader::kXForwardedFor;

@@ -62,6 +62,7 @@ inline constexpr std::size_t kResources = 6;
 
 struct Quota {
   std::array<std::int64_t, kResources> resources{};
+  std::int64_t unfinished_bytes = 0;
   std::int64_t messages_per_s = 0;
   std::int64_t requests_per_s = 0;
   std::int64_t upload_bytes_per_hour = 0;
@@ -96,6 +97,7 @@ class AccessPolicy {
   }
   const TokenRules& token_rules() const { return tokens_; }
   const Quota& quota(bool of_token) const { return of_token ? of_token_ : of_address_; }
+  std::int64_t max_unfinished_bytes() const { return max_unfinished_bytes_; }  ///< Of all together.
   std::int64_t failures_per_minute() const { return failures_per_minute_; }
   bool expiry_disconnects() const { return expiry_disconnects_; }
 
@@ -120,6 +122,7 @@ class AccessPolicy {
   std::vector<IpRange> monitors_;
   Quota of_address_;
   Quota of_token_;
+  std::int64_t max_unfinished_bytes_ = 0;
   std::int64_t failures_per_minute_ = 0;
   bool expiry_disconnects_ = true;
 };

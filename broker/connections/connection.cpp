@@ -117,6 +117,7 @@ bool Connection::take_input(std::span<std::uint8_t> input) {
     on_event(*event);
     if (ended_) return false;
   }
+  count_unfinished();
   return true;
 }
 
@@ -196,6 +197,19 @@ void Connection::on_broken(const websocket::MessageReader::Event& event) {
   refuse(fail(ErrorCode::kTooLarge, why + ": see section 11 of the protocol, and limits.max_control_bytes and "
                                           "limits.max_frame_bytes of this broker"),
          {}, event.code);
+}
+
+void Connection::count_unfinished() {
+  if (reader_.held_bytes() == unfinished_bytes_) return;
+  unfinished_bytes_ = reader_.held_bytes();
+  unfinished_.reset();
+  const auto held = store(unfinished_, grant_->hold_bytes(unfinished_bytes_));
+  if (held) return;
+  reader_.stop();
+  unfinished_bytes_ = reader_.held_bytes();
+  close_received_ = true;  // Later bytes cannot be parsed.
+  log(context_.log, LogLevel::kWarning, name() + ": closed, " + held.error().message);
+  refuse(held.error(), stream_name(), CloseCode::kTryAgainLater);
 }
 
 void Connection::greet() {

@@ -98,6 +98,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void resume_reading();
   void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
+  /// Counts the memory of an unfinished message, and closes where it is too much.
+  void count_unfinished();
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void fill_write_queue();
   void drop_written(std::size_t bytes);
@@ -130,6 +132,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   Outbox outbox_;
   GrantPtr grant_;
   websocket::MessageReader reader_;
+  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_.
+  std::size_t unfinished_bytes_ = 0;
   std::size_t queued_bytes_ = 0;   ///< Size of write_queue_, the written part of its first item included.
   std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.
   std::string close_reason_;

@@ -74,7 +74,10 @@ class Download : public std::enable_shared_from_this<Download> {
     const bool whole = wanted.kind == RangeRequest::Kind::kWhole;
     at_ = whole ? 0 : wanted.first;
     end_ = whole ? object.size : wanted.last + 1;
-    const auto taken = grant_.take_download(connection_->method() == "HEAD" ? 0 : end_ - at_, steady_now_us());
+    const std::uint64_t to_send = connection_->method() == "HEAD" ? 0 : end_ - at_;
+    const auto held = store(held_, grant_.hold_bytes(std::min<std::uint64_t>(to_send, kChunkBytes)));
+    if (!held) return connection_->answer_denial({429, held.error().message, 1});
+    const auto taken = grant_.take_download(to_send, steady_now_us());
     if (!taken) return connection_->answer_denial({429, taken.error().message, kRetryAfterS});
     if (!whole) {
       headers.emplace_back("Content-Range",
@@ -125,6 +128,7 @@ class Download : public std::enable_shared_from_this<Download> {
   std::uint64_t end_ = 0;
   std::string head_;
   std::vector<char> chunk_;
+  std::shared_ptr<void> held_;  ///< Counts chunk_.
 };
 
 /// The answer to one PUT. Counts in uploads_now and holds a slot of `grant` while it lives, until end().
@@ -174,6 +178,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   }
 
   void begin_body() {
+    if (const auto held = store(held_, grant_.hold_bytes(2 * kChunkBytes)); !held) return fail_with(held.error());
     chunk_.resize(kChunkBytes);
     if (::strcasecmp(connection_->header("Expect").c_str(), "100-continue") != 0) return read_body();
     static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
@@ -260,6 +265,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   bool counted_ = true;
   std::unique_ptr<AssetStore::Upload> upload_;
   std::vector<std::uint8_t> chunk_;
+  std::shared_ptr<void> held_;  ///< Counts chunk_ and the buffer before it.
 };
 
 }  // namespace

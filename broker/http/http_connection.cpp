@@ -20,6 +20,9 @@ namespace beast = boost::beast;
 namespace http = beast::http;
 
 constexpr std::size_t kMaxHeadBytes = 16 * 1024;
+/// A buffer that has grown twofold, and the fields.
+constexpr std::size_t kLargeHeadBytes = 3 * kMaxHeadBytes;
+constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
 constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
 
@@ -144,28 +147,43 @@ void HttpConnection::read_head() {
   auto& parser = wire_->parser.emplace();
   parser.header_limit(kMaxHeadBytes);
   parser.body_limit(limits().body_bytes);
+  large_head_.reset();
+  if (wire_->buffer.capacity() > Grant::kFreeBytes) wire_->buffer.shrink_to_fit();
+  wire_->buffer.max_size(Grant::kFreeBytes);
   arm(limits().head_ms);
-  http::async_read_header(transport_, wire_->buffer, parser, [self = shared_from_this()](ErrorOf error, std::size_t) {
-    const auto answer = [&](HttpStatus status, ErrorCode code, const std::string& why) {
-      self->answer_error(status, fail(code, why));
-    };
-    if (!error && self->has_unknown_coding()) {
-      return answer(HttpStatus::kNotImplemented, ErrorCode::kUnsupported,
-                    "the only Transfer-Encoding that this broker knows is chunked");
+  read_more_head();
+}
+
+void HttpConnection::read_more_head() {
+  http::async_read_header(transport_, wire_->buffer, *wire_->parser,
+                          [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_head_read(error); });
+}
+
+void HttpConnection::on_head_read(ErrorOf error) {
+  if (error == http::error::buffer_overflow && !large_head_) {
+    if (const auto held = store(large_head_, hold_bytes(kLargeHeadBytes)); !held) {
+      return answer_denial({429, held.error().message, 1});
     }
-    if (!error) return self->on_head();
-    if (is_body_limit(error)) {
-      return answer(HttpStatus::kPayloadTooLarge, ErrorCode::kTooLarge,
-                    std::string("the body is over ") + self->limits().body_limit);
-    }
-    if (error == http::error::header_limit) {
-      return answer(HttpStatus::kHeaderFieldsTooLarge, ErrorCode::kTooLarge, "the request head is over 16 KiB");
-    }
-    if (is_malformed_request(error)) {
-      return answer(HttpStatus::kBadRequest, ErrorCode::kCorrupt, "not an HTTP request: " + error.message());
-    }
-    self->close();
-  });
+    wire_->buffer.max_size(kMaxReadBytes);
+    return read_more_head();
+  }
+  if (!error && has_unknown_coding()) {
+    return answer_error(HttpStatus::kNotImplemented,
+                        fail(ErrorCode::kUnsupported, "the only Transfer-Encoding that this broker knows is chunked"));
+  }
+  if (!error) return on_head();
+  if (is_body_limit(error)) {
+    return answer_error(HttpStatus::kPayloadTooLarge,
+                        fail(ErrorCode::kTooLarge, std::string("the body is over ") + limits().body_limit));
+  }
+  if (error == http::error::header_limit) {
+    return answer_error(HttpStatus::kHeaderFieldsTooLarge,
+                        fail(ErrorCode::kTooLarge, "the request head is over 16 KiB"));
+  }
+  if (is_malformed_request(error)) {
+    return answer_error(HttpStatus::kBadRequest, fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
+  }
+  close();
 }
 
 bool HttpConnection::can_keep_alive() const {
@@ -197,6 +215,8 @@ void HttpConnection::refuse_method(const char* why, const char* allowed) {
 }
 
 void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders headers) {
+  auto held = hold_bytes(body.size());
+  if (!held) return answer_denial({429, held.error().message, 1});
   const bool keep = can_keep_alive();
   const bool bodiless = status == HttpStatus::kNotModified || status == HttpStatus::kNoContent;
   const auto is_type = [](const auto& field) { return field.first == "Content-Type"; };
@@ -207,7 +227,7 @@ void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders hea
   const auto text = std::make_shared<std::string>(head_of(status, std::move(headers)));
   if (!bodiless && method() != "HEAD") *text += body;
   arm(limits().transfer_ms);
-  send(asio::buffer(*text), [this, text, keep] { finish(keep); });
+  send(asio::buffer(*text), [this, text, keep, held = std::move(*held)] { finish(keep); });
 }
 
 std::string HttpConnection::head_of(HttpStatus status, HttpHeaders headers) {
@@ -228,6 +248,7 @@ void HttpConnection::send(asio::const_buffer bytes, std::function<void()> then) 
 }
 
 void HttpConnection::read_body(std::span<std::uint8_t> into, std::function<void(ErrorOf, std::size_t)> then) {
+  wire_->buffer.max_size(std::max(kMaxReadBytes, wire_->buffer.size()));
   auto& body = wire_->parser->get().body();
   body.data = into.data();
   body.size = into.size();

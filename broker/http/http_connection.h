@@ -118,6 +118,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   virtual Limits limits() const = 0;  ///< Those that the current request has.
   virtual void on_head() = 0;
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
+  /// As Grant::hold_bytes().
+  virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
   const Context& context() const { return context_; }
 
  private:
@@ -135,6 +137,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void do_on_disk(std::function<void()> work, std::function<void()> then);
   void read_head();
+  void read_more_head();
+  void on_head_read(ErrorOf error);
   template <typename Stream>
   void drain(Stream& stream);
 
@@ -142,6 +146,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Transport transport_;
   Timer timer_;
   std::unique_ptr<Wire> wire_;
+  std::shared_ptr<void> large_head_;  ///< Counts its memory.
   IpAddress peer_;
   std::vector<std::uint8_t> drained_;
 };

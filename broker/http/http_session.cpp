@@ -22,6 +22,7 @@
 namespace eigencast::broker {
 namespace {
 
+constexpr const char* kTooManyConnections = "too many connections from this address (per_address.connections)";
 constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
@@ -65,6 +66,11 @@ class HttpSession final : public HttpConnection {
             static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes", grant_ != nullptr};
   }
 
+  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override {
+    if (!grant_ && bytes > Grant::kFreeBytes) return fail(ErrorCode::kRefused, kTooManyConnections);
+    return grant_ ? grant_->hold_bytes(bytes) : std::shared_ptr<void>();
+  }
+
   void decorate(HttpHeaders& headers) const override {
     const std::string origin = header("Origin");
     if (origin.empty()) return;
@@ -80,7 +86,7 @@ class HttpSession final : public HttpConnection {
   };
 
   void on_head() override {
-    if (!grant_) return answer_denial({429, "too many connections from this address (per_address.connections)", 1});
+    if (!grant_) return answer_denial({429, kTooManyConnections, 1});
     Task task = admitted();
     const TimeUs now_us = steady_now_us();
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);

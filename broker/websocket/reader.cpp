@@ -205,9 +205,13 @@ MessageReader::Event MessageReader::close_event(ByteView payload) {
   return event;
 }
 
-MessageReader::Event MessageReader::failed(CloseCode code, std::string_view why) {
+void MessageReader::stop() {
   ended_ = true;
   Bytes().swap(kept_);
+}
+
+MessageReader::Event MessageReader::failed(CloseCode code, std::string_view why) {
+  stop();
   return {Kind::kFailed, {}, code, why};
 }
 

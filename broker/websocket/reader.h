@@ -49,6 +49,10 @@ class MessageReader {
   /// Takes bytes off the front of `input`, unmasking them in place, up to the end of one event. Nothing: needs more
   /// bytes. Discards everything after kClose and kFailed.
   std::optional<Event> next(std::span<std::uint8_t>& input);
+  /// Memory that an incomplete message takes; grows by no more than input does, or twofold.
+  std::size_t held_bytes() const { return kept_.capacity() + control_.capacity(); }
+  /// Frees that memory and discards all further input.
+  void stop();
 
  private:
   using Failure = std::optional<Event>;

@@ -16,6 +16,7 @@ import os
 import pathlib
 import random
 import re
+import select
 import shutil
 import signal
 import socket
@@ -31,7 +32,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
 import cases
 import payloads
-from websocket_peer import TEXT, Broker, Peer, frame, ports_of
+from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, frame, ports_of
 
 BROKER = None
 
@@ -291,6 +292,53 @@ class HttpAccess(unittest.TestCase):
                 answer = hear(strangers[0], "stream", "error")
                 self.assertNotEqual(answer["op"], "closed")
             sender.sock.close()
+
+    def hoard(self, port, count):
+        """Senders that begin large messages and do not end them: the codes with which some are closed."""
+        codes = []
+        for i in range(count):
+            peer = connect(port, f"/v1/publish/hoard/{i}")
+            self.addCleanup(peer.sock.close)
+            peer.send(frame(BINARY, bytes(300_000), fin=False), frame(PING))
+            while (heard := peer.receive())[0] not in (PONG, CLOSE):
+                pass
+            if heard[0] == CLOSE:
+                codes.append(int.from_bytes(heard[1][:2], "big"))
+            else:
+                self.held.append(peer)
+        return codes
+
+    def test_unfinished_messages_are_limited_in_bytes(self):
+        for limit in ("per-address-unfinished-bytes", "limits-max-unfinished-bytes"):
+            self.held = []
+            data, _ = self.start_with_asset(f"--{limit}=1000000")
+            codes = self.hoard(data, 10)
+            self.assertIn(len(self.held), (1, 2, 3), limit)
+            self.assertEqual(set(codes), {1013})
+            sender, answer = announce(data, "real", "camera")
+            self.assertEqual(answer["op"], "announced", "others go on")
+            order(sender, "ping", id=1, time_us=2)
+            self.assertEqual(hear(sender, "pong")["id"], 1)
+            for peer in self.held:
+                peer.sock.close()
+            while 1013 in self.hoard(data, 1):
+                time.sleep(0.05)  # Until the broker has noticed.
+
+    def test_unfinished_heads_are_limited_in_bytes(self):
+        data, _ = self.start("--per-address-unfinished-bytes=65536")
+        large = b"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nX-Large: " + bytes(8192 * b"x")
+        peers = [Peer(data, upgrade=False) for _ in range(4)]
+        for peer in peers:
+            self.addCleanup(peer.sock.close)
+            peer.send(large)
+        waiting = list(peers)
+        while len(waiting) > 1:
+            for peer in select.select([peer.sock for peer in waiting], [], [], 60)[0]:
+                waiting = [other for other in waiting if other.sock is not peer]
+                self.assertIn(b" 429 ", peer.recv(4096).split(b"\r\n")[0])
+        self.assertEqual(ask(data, "GET", "/v1/streams")[0], 200, "an ordinary head")
+        waiting[0].send(b"\r\n\r\n")
+        self.assertIn(b" 200 ", waiting[0].sock.recv(4096))
 
     def test_flapping_senders_evict_their_own_poses(self):
         data, _ = self.start_with_asset("--limits-max-streams=8")

@@ -524,6 +524,28 @@ TEST_F(GateTest, RequestsWaitAndAreThenRefused) {
   EXPECT_EQ(take(1, 4 * kSecond).value(), 0);
 }
 
+TEST_F(GateTest, UnfinishedBytesAreLimitedPerHolderAndInAll) {
+  config_.per_address.unfinished_bytes = 100'000;
+  config_.per_token.unfinished_bytes = 70'000;
+  config_.limits.max_unfinished_bytes = 150'000;
+  const auto a = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
+  const auto b = let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})));
+  const auto c = let_in(request_from("2.2.2.2", token_for("c", {}, {"**"})));
+  const auto why = [](const Result<std::shared_ptr<void>>& held) { return held ? "held" : held.error().message; };
+  auto first = a->hold_bytes(60'000);
+  EXPECT_TRUE(first);
+  EXPECT_THAT(why(a->hold_bytes(20'000)), HasSubstr("per_token.unfinished_bytes = 70000"));
+  EXPECT_THAT(why(b->hold_bytes(50'000)), HasSubstr("per_address.unfinished_bytes = 100000"));
+  const auto second = b->hold_bytes(40'000);
+  EXPECT_TRUE(second) << "what was refused was not counted";
+  EXPECT_THAT(why(c->hold_bytes(60'000)), HasSubstr("limits.max_unfinished_bytes = 150000"));
+  for (const auto& grant : {a, b, c}) {
+    EXPECT_EQ(grant->hold_bytes(Grant::kFreeBytes).value(), nullptr) << "small ones go on";
+  }
+  first = std::shared_ptr<void>();
+  EXPECT_TRUE(c->hold_bytes(60'000));
+}
+
 TEST(RateLimiterTest, WithAnEndlessBurstWhatIsTakenIsPaidLater) {
   RateLimiter pace;
   constexpr double kEndless = std::numeric_limits<double>::infinity();

@@ -83,6 +83,27 @@ std::vector<Seen> failure(CloseCode code) {
   return {{Kind::kFailed, {}, code}};
 }
 
+TEST(MessageReaderTest, MemoryOfAnIncompleteMessageIsKnown) {
+  MessageReader reader({1 << 20, 1 << 20});
+  const auto take = [&](std::string text) {
+    Bytes bytes(text.begin(), text.end());
+    std::span<std::uint8_t> input(bytes);
+    std::size_t events = 0;
+    while (reader.next(input)) ++events;
+    return events;
+  };
+  EXPECT_EQ(take(frame(kFin | kBinary, std::string(5000, 'x'))), 1u);
+  EXPECT_EQ(reader.held_bytes(), 0u);
+  EXPECT_EQ(take(frame(kBinary, std::string(5000, 'x'))), 0u);
+  EXPECT_GE(reader.held_bytes(), 5000u);
+  EXPECT_EQ(take(frame(kFin, "y")), 1u);
+  EXPECT_EQ(reader.held_bytes(), 0u);
+  EXPECT_EQ(take(frame(kBinary, std::string(5000, 'x'))), 0u);
+  reader.stop();
+  EXPECT_EQ(reader.held_bytes(), 0u);
+  EXPECT_EQ(take(frame(kFin, "y") + frame(kFin | kPing, "")), 0u);
+}
+
 TEST(MessageReaderTest, MessagesOfEverySizeRoundTrip) {
   for (const std::size_t size : {0, 1, 7, 8, 125, 126, 127, 128, 65'535, 65'536, 70'000}) {
     std::string payload(size, 'x');
