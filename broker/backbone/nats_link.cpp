@@ -26,10 +26,16 @@ constexpr auto kDrainTime = 1s;             ///< Time to send the queue when sto
 constexpr auto kTryTime = 2s;               ///< To connect to a server, its TLS handshake included.
 constexpr auto kRetryTime = 250ms;          ///< After all servers have been tried, or a connection was made.
 constexpr std::size_t kMaxServers = 64;     ///< Those that servers name included.
+constexpr auto kClockStep = 1s;              ///< A wall clock that goes back by more was set.
 
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));
   return {data, data + natsMsg_GetDataLength(message)};
+}
+
+/// How far the wall clock is ahead of the steady one.
+std::chrono::nanoseconds wall_ahead() {
+  return std::chrono::system_clock::now().time_since_epoch() - std::chrono::steady_clock::now().time_since_epoch();
 }
 
 std::string bucket_of(std::string prefix) {
@@ -248,6 +254,7 @@ void NatsLink::send(const std::string& subject, Bytes message, const std::string
 }
 
 void NatsLink::send_all() {
+  auto ahead = wall_ahead();
   std::unique_lock lock(mutex_);
   for (;;) {
     wake_.wait_for(lock, 50ms, [this] { return stopping_ || subscribed_changed_ || !outgoing_.empty(); });
@@ -262,6 +269,9 @@ void NatsLink::send_all() {
       std::erase_if(subscribed_, [](const auto& subscribed) { return !subscribed->wanted; });
     }
     lock.unlock();
+    // libnats waits, also for its next ping, until times of the wall clock; the end of a connection ends these waits.
+    const auto before = std::exchange(ahead, wall_ahead());
+    if (connection && ahead < before - kClockStep) natsConnection_Close(connection.get());
     for (const auto& subscribed : changed) renew(subscribed, connection);
     for (const Outgoing& out : batch) {
       const int size = static_cast<int>(out.message.size());

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Brokers of one machine over one NATS server: which are admitted, what it forgets, and a broker that ends while messages pour in.
 
-    one_server_test.py FOLDER-OF-PROGRAMS [-v]
+    one_server_test.py FOLDER-OF-PROGRAMS CLOCK [-v]       CLOCK: the library of tests/support/stepped_clock.cpp, or -
 
 Skipped without nats-server.
 """
@@ -11,6 +11,7 @@ import os
 import pathlib
 import re
 import shutil
+import signal
 import socket
 import ssl
 import struct
@@ -29,7 +30,7 @@ import nats_users
 import payloads
 from websocket_peer import BINARY, TEXT, Peer, frame, ports_of
 
-PROGRAMS = None
+PROGRAMS = CLOCK = None
 
 
 class Sender(threading.Thread):
@@ -391,6 +392,31 @@ class Forgotten(OneServer):
         self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
 
 
+class SetBack(OneServer):
+    """libnats waits until times of the wall clock."""
+
+    def test_a_silent_server_is_noticed_by_a_broker_whose_clock_was_set_back(self):
+        if CLOCK == "-":
+            self.skipTest("a sanitizer wants to be loaded before the clock")
+        offset = pathlib.Path(self.folder, "clock")
+        offset.write_bytes((40_000).to_bytes(8, "little"))  # Their certificates are valid from now on, for two days.
+        who = {"user": "broker", "password": "secret"}
+        server = self.start_nats(self.PASSWORD)
+        self.addCleanup(server.send_signal, signal.SIGCONT)
+        one, ask = self.broker("broker-1", environment={"LD_PRELOAD": CLOCK, "EIGENCAST_TEST_CLOCK": str(offset)}, **who)
+        two, _ = self.broker("broker-2", **who)
+        self.wait_for(lambda: "2 brokers" in ask("/api/broker"), "they do not meet")
+        with open(offset, "r+b") as file:
+            file.write(bytes(8))
+        sender = self.sender(two)
+        self.assert_frames_come(Peer(one, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        server.send_signal(signal.SIGSTOP)
+        self.wait_for(lambda: "degraded" in ask("/readyz"), "its pings wait for half a day")
+        server.send_signal(signal.SIGCONT)
+        self.wait_for(lambda: ask("/readyz").strip() == "ready", "it does not connect again")
+        sender.end()  # And broker() sees that the broker ends.
+
+
 class Ending(unittest.TestCase):
     def test_a_broker_ends_well_while_messages_pour_in(self):
         if not shutil.which("nats-server"):
@@ -438,5 +464,5 @@ class Ending(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PROGRAMS = pathlib.Path(sys.argv.pop(1)).resolve()
+    PROGRAMS, CLOCK = pathlib.Path(sys.argv.pop(1)).resolve(), sys.argv.pop(1)
     cases.main()

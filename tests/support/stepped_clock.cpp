@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: MIT
 // Loaded before libc (LD_PRELOAD): the wall clock is so many seconds off as the 64-bit number at the start of the file
-// $EIGENCAST_TEST_CLOCK says at the moment. The steady clock is left alone, as when an operator sets the time.
+// $EIGENCAST_TEST_CLOCK says at the moment, also for waits until one of its times. The steady clock is left alone, as
+// when an operator sets the time.
 #include <fcntl.h>
+#include <pthread.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
 #include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cerrno>
 #include <cstdint>
 #include <cstdlib>
 
@@ -27,6 +31,14 @@ std::int64_t offset_s() {
   return *offset;
 }
 
+constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::int64_t kLook = kSecond / 20;              ///< How often a wait looks at the clock.
+constexpr std::int64_t kLongAgo = 500'000'000 * kSecond;  ///< Times before that are of the steady clock: 1985.
+
+std::int64_t ns(const timespec& time) {
+  return time.tv_sec * kSecond + time.tv_nsec;
+}
+
 }  // namespace
 
 extern "C" {
@@ -42,6 +54,21 @@ int gettimeofday(timeval* __restrict out, void* __restrict) noexcept {
   clock_gettime(CLOCK_REALTIME, &now);
   *out = {now.tv_sec, now.tv_nsec / 1000};
   return 0;
+}
+
+int pthread_cond_timedwait(pthread_cond_t* __restrict condition, pthread_mutex_t* __restrict mutex,
+                           const timespec* __restrict until) {
+  if (ns(*until) < kLongAgo) return pthread_cond_clockwait(condition, mutex, CLOCK_MONOTONIC, until);
+  for (;;) {
+    timespec wall{}, steady{};
+    clock_gettime(CLOCK_REALTIME, &wall);
+    clock_gettime(CLOCK_MONOTONIC, &steady);
+    if (ns(wall) >= ns(*until)) return ETIMEDOUT;
+    const std::int64_t look = ns(steady) + std::min(ns(*until) - ns(wall), kLook);
+    steady = {look / kSecond, look % kSecond};
+    const int result = pthread_cond_clockwait(condition, mutex, CLOCK_MONOTONIC, &steady);
+    if (result != ETIMEDOUT) return result;
+  }
 }
 
 time_t time(time_t* out) noexcept {
