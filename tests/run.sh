@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 # Installs what is missing, builds everything and runs all tests. Ends with the skipped tests by reason, and a count of all.
 #   tests/run.sh          the tier of at most 12 minutes on two cores
-#   tests/run.sh --full   AddressSanitizer with UBSan, ThreadSanitizer, the normal tier with what is labelled full (soak, a long
-#                         clip, Debian packages on machines with systemd), the corpora of the fuzz targets, and clang-tidy
+#   tests/run.sh --full   AddressSanitizer with UBSan, ThreadSanitizer, the normal tier with what is labelled full (soak, faults of a cluster,
+#                         a long clip, Debian packages on machines with systemd), the corpora of the fuzz targets, and clang-tidy
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

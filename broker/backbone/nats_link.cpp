@@ -26,7 +26,7 @@ constexpr auto kDrainTime = 1s;             ///< Time to send the queue when sto
 constexpr auto kTryTime = 2s;               ///< To connect to a server, its TLS handshake included.
 constexpr auto kRetryTime = 250ms;          ///< After all servers have been tried, or a connection was made.
 constexpr std::size_t kMaxServers = 64;     ///< Those that servers name included.
-constexpr auto kClockStep = 1s;              ///< A wall clock that goes back by more was set.
+constexpr auto kClockStep = 1s;             ///< A wall clock that goes back by more was set.
 
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));

@@ -1,0 +1,351 @@
+# SPDX-License-Identifier: MIT
+"""Senders, viewers and slow links of one asyncio loop, on sockets of any host's network. They report what happens as events (judge.py)."""
+import asyncio
+import base64
+import hashlib
+import itertools
+import json
+import os
+import socket
+import struct
+import time
+
+import poses
+from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, frame
+
+PORT = 7490
+PATIENCE_S = 4.0  # Without a byte for so long a peer connects anew.
+CONNECT_S = 2.0
+
+
+class Gone(Exception):
+    """The connection is over."""
+
+
+def monotonic_us():
+    return time.monotonic_ns() // 1000
+
+
+async def connected(host, address, port):
+    with host.within():
+        sock = socket.socket()
+    sock.setblocking(False)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    try:
+        async with asyncio.timeout(CONNECT_S):
+            await asyncio.get_running_loop().sock_connect(sock, (address, port))
+    except BaseException:
+        sock.close()
+        raise
+    return sock
+
+
+class WebSocket:
+    """One client's connection: messages in, frames out."""
+
+    def __init__(self, sock, path):
+        self.sock, self.path, self.buffer, self.last = sock, path, b"", time.monotonic()
+        self.loop = asyncio.get_running_loop()
+
+    async def open(self):
+        key = base64.b64encode(os.urandom(16)).decode()
+        await self.send_raw((f"GET {self.path} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                             f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n").encode())
+        while b"\r\n\r\n" not in self.buffer:
+            await self.more()
+        head, self.buffer = self.buffer.split(b"\r\n\r\n", 1)
+        if b" 101 " not in head.split(b"\r\n")[0]:
+            raise Gone(head.split(b"\r\n")[0].decode())
+
+    async def more(self):
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                piece = await self.loop.sock_recv(self.sock, 1 << 17)
+        except TimeoutError:
+            raise Gone("silent") from None
+        if not piece:
+            raise Gone("closed")
+        self.buffer += piece
+
+    async def send_raw(self, data):
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await self.loop.sock_sendall(self.sock, data)
+        except TimeoutError:
+            raise Gone("does not read") from None
+
+    async def send(self, message):
+        await self.send_raw(frame(TEXT, json.dumps(message).encode()) if isinstance(message, dict) else frame(BINARY, message))
+
+    async def messages(self):
+        """Whole messages, several of one read at once: lists of (opcode, payload)."""
+        while True:
+            data, at, found = self.buffer, 0, []
+            while len(data) - at >= 2:
+                size, head = data[at + 1] & 0x7F, 2
+                if size == 126 and len(data) - at >= 4:
+                    size, head = struct.unpack_from(">H", data, at + 2)[0], 4
+                elif size == 127 and len(data) - at >= 10:
+                    size, head = struct.unpack_from(">Q", data, at + 2)[0], 10
+                elif size > 125:
+                    break
+                if len(data) - at < head + size:
+                    break
+                found.append((data[at] & 15, data[at + head: at + head + size]))
+                at += head + size
+            self.buffer = data[at:]
+            for opcode, payload in found:
+                if opcode == PING:
+                    await self.send_raw(frame(PONG, payload))
+            if found:
+                yield found
+            if any(opcode == CLOSE for opcode, _ in found):
+                raise Gone("told to go")
+            await self.more()
+
+    def abort(self):
+        """Without a word."""
+        try:
+            self.sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        except OSError:
+            pass
+        self.sock.close()
+
+
+class Peer:
+    """Connects, does its work, and when that ends connects again, for ever: see once()."""
+
+    def __init__(self, world, host, brokers):
+        self.world, self.host, self.brokers = world, host, brokers
+        self.web = self.dropped = None
+        self.task = asyncio.get_running_loop().create_task(self.run())
+        self.task.add_done_callback(world.note_end)
+
+    async def run(self):
+        for turn in itertools.count():
+            broker = self.brokers[turn % len(self.brokers)]
+            try:
+                self.dropped = asyncio.get_running_loop().create_future()
+                await self.once(broker)
+            except (OSError, Gone, asyncio.IncompleteReadError) as error:
+                self.why = f"{broker.name}: {error or type(error).__name__}"
+            finally:
+                if self.web is not None:
+                    self.web.abort()
+            await asyncio.sleep(0.2)
+
+    def drop(self):
+        """Leaves without a word, and comes back."""
+        if self.dropped is not None and not self.dropped.done():
+            self.dropped.set_result(None)
+
+    async def reach(self, broker, path):
+        host, address, port = broker.reached_from(self)
+        self.web = WebSocket(await connected(host, address, port), path)
+        await self.web.open()
+
+    async def pings(self):
+        for number in itertools.count():
+            await asyncio.sleep(1)
+            await self.web.send({"op": "ping", "id": number, "time_us": monotonic_us()})
+
+    async def both(self, *works):
+        """Until one of them ends, which ends the others, or it is dropped."""
+        tasks = [asyncio.get_running_loop().create_task(work) for work in works]
+        try:
+            done, _ = await asyncio.wait([*tasks, self.dropped], return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def end(self):
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+
+
+class Sender(Peer):
+    """Sends one stream of poses that say who they are (poses.py), to the first broker that takes it."""
+
+    def __init__(self, world, host, brokers, stream, number, velocities, rate):
+        self.stream, self.number, self.velocities, self.rate = stream, number, velocities, rate
+        self.paused_until, self.resume = 0.0, ""
+        self.body = f"the surface of sender {number}, of which the broker knows nothing".encode()
+        self.asset = hashlib.sha256(self.body).hexdigest()
+        super().__init__(world, host, brokers)
+
+    async def upload(self, broker):
+        host, address, port = broker.reached_from(self)
+        sock = await connected(host, address, port)
+        try:
+            reader, writer = await asyncio.open_connection(sock=sock)
+            writer.write(f"PUT /v1/assets/{self.asset} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(self.body)}\r\n"
+                         "Connection: close\r\n\r\n".encode() + self.body)
+            async with asyncio.timeout(PATIENCE_S):
+                head = await reader.readuntil(b"\r\n\r\n")
+            writer.close()
+        finally:
+            sock.close()
+        if head.split()[1] not in (b"200", b"201"):
+            raise Gone(f"upload: {head.splitlines()[0].decode()}")
+
+    async def once(self, broker):
+        await self.upload(broker)
+        await self.reach(broker, f"/v1/publish/{self.stream}")
+        said = next(self.world.announcements)
+        granted = asyncio.get_running_loop().create_future()
+        await self.web.send({"op": "announce", "asset": self.asset, "format": poses.form(self.velocities), "key_rate_hz": self.rate,
+                             "resume": self.resume})
+        await self.both(self.listen(broker, said, granted), self.play(said, granted), self.pings())
+
+    async def listen(self, broker, said, granted):
+        async for messages in self.web.messages():
+            for opcode, payload in messages:
+                message = json.loads(payload) if opcode == TEXT else {}
+                if message.get("op") == "announced":
+                    self.world.note("announced", stream=self.stream, epoch=message["epoch"], broker=broker.name, said=said)
+                    self.resume = message.get("resume", "")
+                    granted.set_result(None)
+                elif message.get("op") == "error":
+                    raise Gone(f"{message['code']}: {message['message']}")
+
+    async def play(self, said, granted):
+        await granted
+        began = time.monotonic()
+        for sequence in itertools.count():
+            kind = poses.KEY if sequence else poses.JOIN
+            await self.web.send(poses.frame(kind, self.number, said, sequence, monotonic_us(), self.rate, self.velocities))
+            due = began + (sequence + 1) / self.rate
+            if due < time.monotonic() - 0.2:  # Behind: goes on from now.
+                began = time.monotonic() - (sequence + 1) / self.rate
+            await asyncio.sleep(max(due - time.monotonic(), self.paused_until - time.monotonic(), 0))
+
+
+class Viewer(Peer):
+    """Watches one stream in one profile."""
+
+    def __init__(self, world, host, brokers, name, stream, number, channels, profile, acknowledges, by_relay):
+        self.name, self.stream, self.number, self.channels, self.profile = name, stream, number, channels, profile
+        self.acknowledges, self.by_relay = acknowledges, by_relay
+        world.note("viewer", viewer=name, stream=stream, number=number)
+        super().__init__(world, host, brokers)
+
+    async def once(self, broker):
+        await self.reach(broker, f"/v1/subscribe/{self.stream}?{self.profile}")
+        self.newest = None
+        await self.both(self.watch(), self.pings(), *([self.acks()] if self.acknowledges else []))
+
+    async def acks(self):
+        while True:
+            await asyncio.sleep(0.1)
+            if self.newest:
+                id_, sequence, step = self.newest
+                await self.web.send({"op": "ack", "items": [{"stream_id": id_, "sequence": sequence, "step": step}], "time_us": monotonic_us()})
+
+    async def watch(self):
+        note, viewer = self.world.note, self.name
+        async for messages in self.web.messages():
+            for opcode, payload in messages:
+                if opcode == BINARY:
+                    pose = poses.parse(payload, self.channels)
+                    self.newest = (pose.id, pose.sequence, pose.at << 4 | pose.of)
+                    note("frame", viewer=viewer, kind=pose.kind, id=pose.id, epoch=pose.epoch, sequence=pose.sequence, at=pose.at, of=pose.of,
+                         ahead=pose.ahead, capture=pose.capture, said=pose.said)
+                    continue
+                message = json.loads(payload) if opcode == TEXT else {}
+                if message.get("op") == "welcome":
+                    note("link", viewer=viewer, stream=self.stream, number=self.number, run=message["session_id"])
+                elif message.get("op") == "stream":
+                    self.newest = None
+                    note("state", viewer=viewer, stream=message["stream"], id=message["stream_id"], epoch=message["epoch"],
+                         profile=message.get("profile", {}), state=message["state"])
+
+
+class Relay:
+    """A link through this process: passes all at once, little and late, or nothing. The kernel has no such link everywhere."""
+    MOST_QUEUED = 1 << 18
+
+    def __init__(self, host, port, target):
+        self.target = target  # host, address, port
+        self.host = host
+        self.delay_s, self.bytes_per_s, self.open = 0.0, 0.0, asyncio.Event()
+        self.open.set()
+        with host.within():
+            listener = socket.create_server(("127.0.0.1", port))
+        listener.setblocking(False)
+        self.listener = listener
+        self.ends = set()
+        self.task = asyncio.get_running_loop().create_task(self.run())
+
+    async def run(self):
+        loop = asyncio.get_running_loop()
+        while True:
+            near, _ = await loop.sock_accept(self.listener)
+            near.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            task = loop.create_task(self.carry(near))
+            self.ends.add(task)
+            task.add_done_callback(self.ends.discard)
+
+    async def carry(self, near):
+        near.setblocking(False)
+        far = None
+        try:
+            await self.open.wait()
+            far = await connected(*self.target)
+            ways = [asyncio.get_running_loop().create_task(self.pass_on(a, b)) for a, b in ((near, far), (far, near))]
+            try:
+                await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for way in ways:
+                    way.cancel()
+                await asyncio.gather(*ways, return_exceptions=True)
+        except OSError:
+            pass
+        finally:
+            near.close()
+            if far is not None:
+                far.close()
+
+    async def pass_on(self, source, sink):
+        loop = asyncio.get_running_loop()
+        queue, room = asyncio.Queue(), asyncio.Event()
+        room.set()
+        waiting = free_at = 0
+
+        async def write():
+            nonlocal waiting
+            while True:
+                at, data = await queue.get()
+                if at > time.monotonic():
+                    await asyncio.sleep(at - time.monotonic())
+                await self.open.wait()
+                await loop.sock_sendall(sink, data)
+                waiting -= len(data)
+                if waiting < self.MOST_QUEUED:
+                    room.set()
+        me, writer = asyncio.current_task(), loop.create_task(write())
+        end_with = lambda _: me.cancel()
+        writer.add_done_callback(end_with)
+        try:
+            while data := await loop.sock_recv(source, 1 << 15):
+                now = time.monotonic()
+                free_at = max(free_at, now) + (len(data) / self.bytes_per_s if self.bytes_per_s else 0)
+                queue.put_nowait((free_at + self.delay_s, data))
+                waiting += len(data)
+                if waiting >= self.MOST_QUEUED:
+                    room.clear()
+                    await room.wait()
+        except OSError:
+            pass
+        finally:
+            writer.remove_done_callback(end_with)
+            writer.cancel()
+            await asyncio.gather(writer, return_exceptions=True)
+
+    def end(self):
+        self.task.cancel()
+        for task in list(self.ends):
+            task.cancel()
+        self.listener.close()
