@@ -30,6 +30,7 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
+constexpr std::int64_t kUnfinishedShare = 4;  ///< One holder has at most a quarter of what is free.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
   const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
@@ -186,29 +187,23 @@ Result<std::shared_ptr<void>> Grant::hold(Resource resource) const {
 }
 
 Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
-  struct Held {
-    ~Held() {
-      for (const auto& count : counts) count->give_back(bytes);
-    }
-    std::int64_t bytes;
-    std::vector<std::shared_ptr<UseCount>> counts{};
-  };
   if (bytes <= kFreeBytes) return std::shared_ptr<void>();
-  const auto held = std::make_shared<Held>(Held{static_cast<std::int64_t>(bytes)});
-  const auto take = [&](std::shared_ptr<UseCount> count, std::int64_t max) {
-    if (!count->take(max, held->bytes)) return false;
-    held->counts.push_back(std::move(count));
-    return true;
+  const Holder& holder = holders_.back();
+  const auto amount = static_cast<std::int64_t>(bytes);
+  const std::int64_t quota = policy_->quota(holder.is_token).unfinished_bytes;
+  const std::int64_t max = policy_->max_unfinished_bytes();
+  const std::int64_t share = (max - gate_.unfinished_bytes_.count()) / kUnfinishedShare;
+  if (!holder.account->unfinished_bytes.take(std::min(quota, share), amount)) {
+    if (quota <= share) return over(holder, "unfinished_bytes", quota);
+    return fail(ErrorCode::kRefused, "of limits.max_unfinished_bytes = " + std::to_string(max) +
+                                         " too few are free for one that holds more: try again later");
+  }
+  gate_.unfinished_bytes_.add(amount);
+  const auto give_back = [account = holder.account, amount, &all = gate_.unfinished_bytes_](void*) {
+    account->unfinished_bytes.give_back(amount);
+    all.give_back(amount);
   };
-  for (const Holder& holder : holders_) {
-    const std::int64_t max = policy_->quota(holder.is_token).unfinished_bytes;
-    if (!take({holder.account, &holder.account->unfinished_bytes}, max)) return over(holder, "unfinished_bytes", max);
-  }
-  if (!take({std::shared_ptr<void>(), &gate_.unfinished_bytes_}, policy_->max_unfinished_bytes())) {
-    return fail(ErrorCode::kRefused, "unfinished messages and requests take limits.max_unfinished_bytes = " +
-                                         std::to_string(policy_->max_unfinished_bytes()) + " here: try again later");
-  }
-  return std::shared_ptr<void>(held);
+  return std::shared_ptr<void>(holder.account.get(), give_back);
 }
 
 std::string Grant::holder() const {
@@ -231,20 +226,28 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
 }
 
 Result<TimeUs> Grant::take_requests(double cost, TimeUs now_us, TimeUs max_wait_us) {
-  return take_rate({"requests_per_s", &Account::requests, &Quota::requests_per_s, 1}, cost, now_us, max_wait_us);
+  const Rate rate{"requests_per_s", &Account::requests, &Quota::requests_per_s, 1};
+  return take_rate(rate, holders_.back(), cost, now_us, max_wait_us);
 }
 
 Result<TimeUs> Grant::take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us) {
   TimeUs longest_us = 0;
   for (const Holder& holder : holders_) {
-    const std::int64_t max = policy_->quota(holder.is_token).*rate.max;
-    const auto burst = static_cast<double>(max);
-    RateLimiter& limiter = (*holder.account).*rate.limiter;
-    const auto wait_us = limiter.take(amount, burst / rate.period_s, burst, now_us, max_wait_us);
-    if (!wait_us) return over(holder, rate.setting, max);
+    const auto wait_us = take_rate(rate, holder, amount, now_us, max_wait_us);
+    if (!wait_us) return wait_us;
     longest_us = std::max(longest_us, *wait_us);
   }
   return longest_us;
+}
+
+Result<TimeUs> Grant::take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us,
+                                TimeUs max_wait_us) {
+  const std::int64_t max = policy_->quota(holder.is_token).*rate.max;
+  const auto burst = static_cast<double>(max);
+  RateLimiter& limiter = (*holder.account).*rate.limiter;
+  const auto wait_us = limiter.take(amount, burst / rate.period_s, burst, now_us, max_wait_us);
+  if (!wait_us) return over(holder, rate.setting, max);
+  return *wait_us;
 }
 
 std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {

@@ -36,7 +36,9 @@ class RateLimiter {
 class UseCount {
  public:
   bool take(std::int64_t max, std::int64_t amount = 1);
+  void add(std::int64_t amount) { count_ += amount; }
   void give_back(std::int64_t amount = 1) { count_ -= amount; }
+  std::int64_t count() const { return count_; }
   bool is_idle() const { return count_ == 0; }
 
  private:
@@ -99,8 +101,9 @@ class Grant {
   /// The same for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
   Result<std::shared_ptr<void>> hold(Resource resource) const;
   std::string holder() const;  ///< Whose limits hold() counts towards: a key among tokens and addresses.
-  /// Memory of a message that came in part, or of an answer sent in part: counts until the pointer ends, towards these
-  /// limits and that of all. The first kFreeBytes of a connection are free (null). Errors: kRefused.
+  /// Memory of a message that came in part, or of an answer sent in part: counts until the pointer ends, towards the
+  /// token's limit, or the address's without one, and at most a quarter of what all leave free: so newcomers find room.
+  /// The first kFreeBytes of a connection are free (null). Errors: kRefused.
   static constexpr std::size_t kFreeBytes = 4096;
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const;
   Result<void> take_message(TimeUs now_us);
@@ -122,6 +125,7 @@ class Grant {
     std::int64_t Quota::*max;  ///< In a period, and at once.
     double period_s;
   };
+  Result<TimeUs> take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us = 0);
   Error over(const Holder& holder, const char* limit, std::int64_t max) const;
 

@@ -309,9 +309,9 @@ class HttpAccess(unittest.TestCase):
         return codes
 
     def test_unfinished_messages_are_limited_in_bytes(self):
-        for limit in ("per-address-unfinished-bytes", "limits-max-unfinished-bytes"):
+        for limit in ("per-address-unfinished-bytes=1000000", "limits-max-unfinished-bytes=4000000"):
             self.held = []
-            data, _ = self.start_with_asset(f"--{limit}=1000000")
+            data, _ = self.start_with_asset(f"--{limit}")
             codes = self.hoard(data, 10)
             self.assertIn(len(self.held), (1, 2, 3), limit)
             self.assertEqual(set(codes), {1013})

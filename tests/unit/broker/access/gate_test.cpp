@@ -509,7 +509,7 @@ TEST(RateLimiterTest, NeverExceedsRateTimesTimePlusBurst) {
 }
 
 TEST_F(GateTest, RequestsWaitAndAreThenRefused) {
-  config_.per_address.requests_per_s = 10;
+  config_.per_token.requests_per_s = 10;
   const auto grant = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
   const auto take = [&](double cost, TimeUs now_us) { return grant->take_requests(cost, now_us, 2 * kSecond); };
   for (int i = 0; i < 10; ++i) EXPECT_EQ(take(1, kSecond).value(), 0) << "at once";
@@ -519,15 +519,17 @@ TEST_F(GateTest, RequestsWaitAndAreThenRefused) {
   const auto refused = take(1, kSecond);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::kRefused);
-  EXPECT_THAT(refused.error().message, HasSubstr("per_address.requests_per_s = 10"));
+  EXPECT_THAT(refused.error().message, HasSubstr("per_token.requests_per_s = 10"));
+  const auto neighbour = let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})));
+  EXPECT_EQ(neighbour->take_requests(1, kSecond, 0).value(), 0) << "at the same address";
   EXPECT_EQ(let_in(request_from("127.0.0.1"))->take_requests(1, kSecond, 0).value(), 0) << "others go on";
   EXPECT_EQ(take(1, 4 * kSecond).value(), 0);
 }
 
 TEST_F(GateTest, UnfinishedBytesAreLimitedPerHolderAndInAll) {
-  config_.per_address.unfinished_bytes = 100'000;
+  config_.per_address.unfinished_bytes = 65'536;
   config_.per_token.unfinished_bytes = 70'000;
-  config_.limits.max_unfinished_bytes = 150'000;
+  config_.limits.max_unfinished_bytes = 400'000;
   const auto a = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
   const auto b = let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})));
   const auto c = let_in(request_from("2.2.2.2", token_for("c", {}, {"**"})));
@@ -535,15 +537,28 @@ TEST_F(GateTest, UnfinishedBytesAreLimitedPerHolderAndInAll) {
   auto first = a->hold_bytes(60'000);
   EXPECT_TRUE(first);
   EXPECT_THAT(why(a->hold_bytes(20'000)), HasSubstr("per_token.unfinished_bytes = 70000"));
-  EXPECT_THAT(why(b->hold_bytes(50'000)), HasSubstr("per_address.unfinished_bytes = 100000"));
-  const auto second = b->hold_bytes(40'000);
-  EXPECT_TRUE(second) << "what was refused was not counted";
-  EXPECT_THAT(why(c->hold_bytes(60'000)), HasSubstr("limits.max_unfinished_bytes = 150000"));
+  const auto second = b->hold_bytes(70'000);
+  EXPECT_TRUE(second) << "a token at the same address, and what was refused was not counted";
+  EXPECT_THAT(why(c->hold_bytes(69'000)), HasSubstr("limits.max_unfinished_bytes = 400000"));
+  const auto third = c->hold_bytes(67'500);
+  EXPECT_TRUE(third) << "a quarter of what is free";
   for (const auto& grant : {a, b, c}) {
     EXPECT_EQ(grant->hold_bytes(Grant::kFreeBytes).value(), nullptr) << "small ones go on";
   }
   first = std::shared_ptr<void>();
-  EXPECT_TRUE(c->hold_bytes(60'000));
+  EXPECT_TRUE(a->hold_bytes(60'000));
+}
+
+TEST_F(GateTest, ManyHoldersOfUnfinishedBytesLeaveRoomForANewcomer) {
+  config_.limits.max_unfinished_bytes = 256 << 20;
+  std::vector<std::shared_ptr<void>> held;
+  for (int i = 0; i < 10; ++i) {
+    const std::string number = std::to_string(i);
+    const auto greedy = let_in(request_from(("9.9.9." + number).c_str(), token_for("greedy" + number, {}, {"**"})));
+    for (auto more = greedy->hold_bytes(48 << 10); more; more = greedy->hold_bytes(48 << 10)) held.push_back(*more);
+  }
+  const auto sender = let_in(request_from("2.2.2.2", token_for("sender", {}, {"**"})));
+  EXPECT_TRUE(sender->hold_bytes(1 << 20));
 }
 
 TEST(RateLimiterTest, WithAnEndlessBurstWhatIsTakenIsPaidLater) {
