@@ -21,8 +21,14 @@ constexpr std::size_t kMaxTokenBytes = 8 * 1024;
 constexpr std::size_t kMaxBrokers = 16;
 
 Error bad_url(std::string_view text, std::string_view why) {
-  return fail(ErrorCode::kInvalidArgument, "\"" + std::string(text.substr(0, 200)) + "\" is not a broker's URL: " +
-                                               std::string(why) + "; a URL is, for example, ws://host:7490/stream");
+  // Without what may be secret: the query, and what stands before a host.
+  std::string shown(text.substr(0, std::min<std::size_t>(200, text.find('?'))));
+  const std::size_t scheme = shown.find("://"), begin = scheme == std::string::npos ? 0 : scheme + 3;
+  if (const std::size_t at = shown.rfind('@'); at != std::string::npos && at > begin) {
+    shown.replace(begin, at - begin, "...");
+  }
+  return fail(ErrorCode::kInvalidArgument, "\"" + shown + "\" is not a broker's URL: " + std::string(why) +
+                                               "; a URL is, for example, ws://host:7490/stream");
 }
 
 bool starts_with_any_case(std::string_view text, std::string_view prefix) {

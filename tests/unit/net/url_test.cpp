@@ -52,6 +52,14 @@ INSTANTIATE_TEST_SUITE_P(
         Good{"ws://h?rate=raw", false, "h", 7490, "", "rate=raw", "ws://h:7490"},
         Good{"ws://h:65535/a", false, "h", 65535, "a", "", "ws://h:65535"}));
 
+TEST(Url, ErrorsShowNoSecret) {
+  for (const char* text : {"ws://a,b:99999/s?access_token=hidden", "ws://a,user:hidden@b/s", "user:hidden@b/s"}) {
+    const auto url = parse_broker_url(text);
+    ASSERT_FALSE(url) << text;
+    EXPECT_EQ(url.error().message.find("hidden"), std::string::npos) << url.error().message;
+  }
+}
+
 TEST(Url, SeveralBrokersShareAllButHostAndPort) {
   const auto url = parse_broker_url("wss://a,[::1]:7000,c:81/live/x?rate=raw&access_token=t");
   ASSERT_TRUE(url) << url.error().message;
