@@ -40,6 +40,7 @@ int token(int argc, char** argv, const std::vector<std::string>& environment) {
 
 int run(int argc, char** argv) {
   namespace broker = eigencast::broker;
+  std::signal(SIGHUP, SIG_IGN);  // Until the broker handles it: what it would read again is being read.
   std::vector<std::string> environment;
   for (char** entry = environ; *entry != nullptr; ++entry) environment.emplace_back(*entry);
   if (argc > 1 && std::string_view(argv[1]) == "token") return token(argc - 1, argv + 1, environment);
