@@ -79,7 +79,7 @@ poses without ever blocking, and subscribe to what others publish.")
 install(FILES deploy/systemd/eigencast-broker.service deploy/systemd/eigencast-broker.socket
   DESTINATION lib/systemd/system COMPONENT broker)
 install(FILES deploy/eigencast.toml DESTINATION /etc/eigencast COMPONENT broker)
-install(DIRECTORY deploy/nginx deploy/prometheus deploy/grafana DESTINATION share/doc/eigencast-broker/examples COMPONENT broker)
+install(DIRECTORY deploy/nginx deploy/nats deploy/prometheus deploy/grafana DESTINATION share/doc/eigencast-broker/examples COMPONENT broker)
 install(FILES deploy/desktop/eigencast-client.desktop DESTINATION share/applications COMPONENT tools)
 install(FILES examples/publish.c examples/subscribe.c examples/publish.cpp examples/subscribe.cpp
   DESTINATION share/doc/libeigencast-dev/examples COMPONENT development)

@@ -35,7 +35,7 @@ std::uint64_t pixels_of(const Picture& picture) {
 
 Result<Picture> decoded(const Bytes& bytes, int max_side) {
   const std::string name = kTextureName;
-  const auto max_pixels = std::min<std::uint64_t>(kMaxPixels, received_memory().left() / kDecodingBytes);
+  const auto max_pixels = std::min<std::uint64_t>(kMaxPixels, received_memory().remaining() / kDecodingBytes);
   auto picture = starts_with(bytes, {0x89, 'P', 'N', 'G'}) ? read_png_bytes(bytes, name, max_pixels)
                  : starts_with(bytes, {0xff, 0xd8, 0xff})
                      ? read_jpeg_bytes(bytes, name, max_pixels)

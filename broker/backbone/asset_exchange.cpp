@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "broker/backbone/directory.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -161,7 +163,7 @@ void AssetExchange::ask_references(const TransferPtr& transfer) {
 void AssetExchange::begin_object(const TransferPtr& transfer, const Sha256& id) {
   const auto upload = std::make_shared<UploadPtr>();
   const auto begin = [this, id, upload, owner = transfer->owner]() -> Result<void> {
-    auto begun = store_.begin_upload(id, "broker " + owner.substr(0, owner.find('.')));
+    auto begun = store_.begin_upload(id, "broker " + std::string(name_of_broker(owner)));
     if (begun) *upload = std::move(*begun);
     return begun ? Result<void>() : begun.error();
   };

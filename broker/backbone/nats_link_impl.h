@@ -107,8 +107,8 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
                                   std::uint64_t expected);
   void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
-  void take_row(const std::string& from,
-                ByteView message);  // On the loop. Lost changes are found when the table is read again.
+  /// On the loop. Lost changes are found when the table is read again.
+  void take_row(const std::string& from, ByteView message);
 
   const Settings settings_;
   const std::string bucket_, inbox_;

@@ -45,8 +45,7 @@ std::uint32_t epochs_end_by_time(std::uint64_t unix_seconds);
 std::optional<std::uint32_t> epoch_from_text(std::string_view text);
 
 /// A sender shows that a stream is its own by the secret of the stream's last epoch, which it alone was given. Brokers
-/// keep and exchange proofs of secrets
-/// (see resume_proof()).
+/// keep and exchange proofs of secrets (see resume_proof()).
 struct Resume {
   std::string shown;   ///< Proof of what the sender announced with; empty: no secret.
   std::string issued;  ///< Proof of the secret of the epoch that it asks for.

@@ -20,8 +20,8 @@ namespace {
 // Beside the writer in an entry's user data: of add_send(), else of add_pieces().
 constexpr std::uint64_t kSend = 1;
 
-// The kernel never puts a write with kSendFlags off: all are done when the call that hands them over returns. With this
-// one, less than all is a failure, of which it tells even where success is not told.
+// The kernel never puts a write with kSendFlags off: all are done when the call that hands them over returns. With
+// MSG_WAITALL a partial write is a failure, which is reported even where success is not.
 constexpr int kWholeFlags = kSendFlags | MSG_WAITALL;
 
 }  // namespace

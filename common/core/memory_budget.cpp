@@ -16,7 +16,8 @@ Result<MemoryBudget::Share> MemoryBudget::take(std::uint64_t bytes, const std::s
       return fail(ErrorCode::kTooLarge,
                   what + " may take " + std::to_string(bytes / kMegabyte) + " MB of memory, " +
                       std::to_string(left / kMegabyte) + " of " + std::to_string(limit_ / kMegabyte) +
-                      " MB are left for what brokers send: eigencast-client --memory allows more");
+                      " MB are left for what brokers send: allow more (SubscriberOptions::memory, "
+                      "eigencast-client --memory)");
     }
     taken_ += bytes;
   }
@@ -32,14 +33,15 @@ void MemoryBudget::set_limit(std::uint64_t bytes) {
   limit_ = bytes;
 }
 
-std::uint64_t MemoryBudget::left() const {
+std::uint64_t MemoryBudget::remaining() const {
   const std::lock_guard lock(mutex_);
   return limit_ - std::min(limit_, taken_);
 }
 
 MemoryBudget& received_memory() {
-  constexpr double kPart = 0.75, kMost = 1e18;  // Where nothing says what there is.
-  static auto* const budget = new MemoryBudget(static_cast<std::uint64_t>(std::min(kPart * usable_memory(), kMost)));
+  constexpr double kPart = 0.75, kUpperBound = 1e18;  // Where nothing says what there is.
+  const double bytes = std::min(kPart * usable_memory(), kUpperBound);
+  static auto* const budget = new MemoryBudget(static_cast<std::uint64_t>(bytes));
   return *budget;  // Threads that end late still give back.
 }
 

@@ -21,9 +21,9 @@ class MemoryBudget {
 
   /// `what` is for the message. Errors: kTooLarge (over the limit with what is taken).
   Result<Share> take(std::uint64_t bytes, const std::string& what);
-  /// What is taken stays taken.
+  /// Shares that are out stay valid, even above the limit.
   void set_limit(std::uint64_t bytes);
-  std::uint64_t left() const;
+  std::uint64_t remaining() const;
 
  private:
   mutable std::mutex mutex_;
@@ -31,8 +31,8 @@ class MemoryBudget {
   std::uint64_t taken_ = 0;  ///< GUARDED_BY(mutex_)
 };
 
-/// This process's, for surfaces and textures that come from brokers: at first three quarters of usable_memory() at the
-/// first call.
+/// The budget of this process for surfaces and textures that come from brokers: at first three quarters of the
+/// usable_memory() that its first caller found.
 MemoryBudget& received_memory();
 
 }  // namespace eigencast

@@ -17,9 +17,9 @@ TEST(MemoryBudget, SharesComeBackAndNoMoreIsGiven) {
   EXPECT_EQ(second.error().code, ErrorCode::kTooLarge);
   MemoryBudget::Share copy = *first;
   *first = nullptr;
-  EXPECT_EQ(budget.left(), 40u);
+  EXPECT_EQ(budget.remaining(), 40u);
   copy = nullptr;
-  EXPECT_EQ(budget.left(), 100u);
+  EXPECT_EQ(budget.remaining(), 100u);
   EXPECT_TRUE(budget.take(100, "all"));
   EXPECT_FALSE(budget.take(std::numeric_limits<std::uint64_t>::max(), "more than there is"));
 }
@@ -29,14 +29,14 @@ TEST(MemoryBudget, LowerLimitLeavesWhatIsTaken) {
   const auto share = budget.take(60, "share");
   ASSERT_TRUE(share);
   budget.set_limit(50);
-  EXPECT_EQ(budget.left(), 0u);
+  EXPECT_EQ(budget.remaining(), 0u);
   EXPECT_FALSE(budget.take(1, "more"));
   budget.set_limit(70);
-  EXPECT_EQ(budget.left(), 10u);
+  EXPECT_EQ(budget.remaining(), 10u);
 }
 
 TEST(MemoryBudget, ProcessHasAShareOfTheMachine) {
-  EXPECT_GT(received_memory().left(), 1'000'000u);
+  EXPECT_GT(received_memory().remaining(), 1'000'000u);
 }
 
 }  // namespace

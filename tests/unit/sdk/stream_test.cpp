@@ -112,13 +112,13 @@ TEST(Stream, SurfaceOverTheBudgetIsRefused) {
   };
   auto first = watch();
   ASSERT_TRUE(reaches(*first, Subscriber::State::kLive)) << first->stats().detail;
-  EXPECT_EQ(memory.left(), needed - 1);
+  EXPECT_EQ(memory.remaining(), needed - 1);
   // All that share the budget count.
   const auto second = watch();
   EXPECT_TRUE(reaches(*second, Subscriber::State::kRefused)) << second->stats().detail;
   EXPECT_EQ(second->asset(), nullptr);
   first.reset();
-  EXPECT_EQ(memory.left(), 2 * needed - 1);
+  EXPECT_EQ(memory.remaining(), 2 * needed - 1);
   const auto third = watch();
   EXPECT_TRUE(reaches(*third, Subscriber::State::kLive)) << third->stats().detail;
 }

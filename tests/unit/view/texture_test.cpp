@@ -209,13 +209,13 @@ TEST(Images, TakeNoMoreThanTheBudget) {
     return std::make_shared<const AssetTexture>(std::move(t));
   };
   const auto first = textured(), second = textured(), third = textured();
-  const std::uint64_t before = received_memory().left();
+  const std::uint64_t before = received_memory().remaining();
   auto picture = image_of(first, Decode::kNow).picture;
   ASSERT_TRUE(picture);
-  const std::uint64_t taken = before - received_memory().left();
+  const std::uint64_t taken = before - received_memory().remaining();
   EXPECT_GE(taken, picture->rgb.size());
   picture.reset();
-  EXPECT_EQ(received_memory().left(), before);
+  EXPECT_EQ(received_memory().remaining(), before);
   received_memory().set_limit(taken / 2);
   const auto refused = image_of(second, Decode::kNow).failed;
   ASSERT_TRUE(refused);
