@@ -90,7 +90,14 @@ void NatsLink::to_loop(std::function<void()> work) {
 }
 
 void NatsLink::post_to_listener(std::function<void()> work) {
-  to_loop([self = shared_from_this(), work = std::move(work)] {
+  const std::lock_guard lock(mutex_);
+  post_in_order(std::move(work));
+}
+
+/// REQUIRES: mutex_ is held since the state changed of which `work` tells, so that the listener hears them in order.
+void NatsLink::post_in_order(std::function<void()> work) {
+  if (stopping_) return;
+  on_loop_([self = shared_from_this(), work = std::move(work)] {
     if (*self->open_) work();
   });
 }
@@ -106,9 +113,9 @@ void NatsLink::on_closed(natsConnection* connection) {
     connected_ = false;
     outgoing_.clear();  // Old frames are useless after a reconnection.
     outgoing_bytes_ = 0;
+    post_in_order([this, why] { listener_->on_disconnected(why); });
   }
   wake_.notify_all();
-  post_to_listener([this, why] { listener_->on_disconnected(why); });
 }
 
 /// Tries the next server.
@@ -152,9 +159,9 @@ void NatsLink::connect() {
   const auto last = std::exchange(connection_, {made, natsConnection_Destroy});
   subscribed_changed_ = connected_ = true;
   ++generation_;
+  post_in_order([this] { listener_->on_connected(); });
   lock.unlock();
   wake_.notify_all();
-  post_to_listener([this] { listener_->on_connected(); });
   if (natsConnection_IsClosed(made)) on_closed(made);  // It was before it was known here.
 }
 

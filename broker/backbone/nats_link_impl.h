@@ -88,6 +88,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   void send(const std::string& subject, Bytes message, const std::string& reply);
   void to_loop(std::function<void()> work);
   void post_to_listener(std::function<void()> work);
+  void post_in_order(std::function<void()> work);
   void run(std::thread& thread, void (NatsLink::*work)());
   void connect();
   void end_try(std::unique_lock<std::mutex>& lock);
