@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Frames whose poses say who sent them: float32 coefficients, of which the first row is the number of the stream, that of the
 announcement, and the sequence of the pose."""
+import pathlib
 import struct
+import sys
 import typing
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "bench/broker"))
+from payloads import varint
 
 KEY, JOIN, SYNTHETIC, STEP, ESTIMATE = 1, 2, 3, 4, 5
 ENVELOPE = struct.Struct("<BBBIIQQ")
@@ -19,15 +24,6 @@ class Pose(typing.NamedTuple):
     sequence: int
     capture: int
     said: tuple  # (stream, announcement, position), or None
-
-
-def varint(value):
-    out = bytearray()
-    while value >= 0x80:
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    out.append(value)
-    return bytes(out)
 
 
 def after_varint(data, at):
