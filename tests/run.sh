@@ -3,7 +3,8 @@
 # Installs what is missing, builds everything and runs all tests. Ends with the skipped tests by reason, and a count of all.
 #   tests/run.sh          the tier of at most 12 minutes on two cores
 #   tests/run.sh --full   AddressSanitizer with UBSan, ThreadSanitizer, the normal tier with what is labelled full (soak, faults of a cluster,
-#                         a long clip, Debian packages on machines with systemd), the corpora of the fuzz targets, and clang-tidy
+#                         a long clip, Debian packages on machines with systemd), the corpora of the fuzz targets, the
+#                         benchmarks (built only), and clang-tidy
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -11,7 +12,7 @@ full=0
 for argument in "$@"; do
   case "$argument" in
     --full) full=1 ;;
-    -h|--help) sed -n '3,6s/^# \{0,1\}//p' "$0"; exit 0 ;;
+    -h|--help) sed -n '3,7s/^# \{0,1\}//p' "$0"; exit 0 ;;
     *) echo "tests/run.sh: unknown argument '$argument'; see --help" >&2; exit 2 ;;
   esac
 done
@@ -44,6 +45,7 @@ else
   run_tests ci
   build fuzz --target fuzzers
   run_tests fuzz -L fuzz
+  build bench || failed=1
   build tidy || failed=1
 fi
 python3 tests/support/skips.py "${reports[@]}"

@@ -36,7 +36,7 @@ class Received {
   Received(const Surface& surface, BasisKind basis, int rank, DetailKind detail = DetailKind::kNone)
       : asset_(std::make_unique<Asset>(
             value_or_exit(
-                bake(surface, {basis, rank, "detail", 1e-4, nullptr, nullptr, "delaunay", detail}, default_cache_dir()))
+                bake(surface, {.basis = basis, .rank = rank, .name = "detail", .detail = detail}, default_cache_dir()))
                 .asset)),
         projector_(value_or_exit(Projector::create(*asset_))),
         rebuilder_(*asset_) {}

@@ -105,7 +105,13 @@ class Received {
   Received(const Surface& bar, BasisKind basis, const KnownMotion* motion = nullptr) {
     const int rank = motion != nullptr ? static_cast<int>(motion->columns.count) : kRank;
     const double asset_error = motion != nullptr ? 0 : 1e-4;
-    auto baked = bake(bar, {basis, rank, "bar", asset_error, motion, nullptr, "delaunay", DetailKind::kNone}, "");
+    const BakeOptions options{.basis = basis,
+                              .rank = rank,
+                              .name = "bar",
+                              .asset_error = asset_error,
+                              .motion = motion,
+                              .detail = DetailKind::kNone};
+    auto baked = bake(bar, options, "");
     if (!baked) {
       std::fprintf(stderr, "%s\n", baked.error().message.c_str());
       std::exit(1);
