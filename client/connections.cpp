@@ -21,7 +21,7 @@ void add_counts(const Subscriber::Stats& one, Subscriber::Stats& all) {
                                                &Stats::joins,
                                                &Stats::bytes,
                                                &Stats::rejected,
-                                               &Stats::skipped,
+                                               &Stats::dropped,
                                                &Stats::missed,
                                                &Stats::reconnects,
                                                &Stats::asset_bytes_downloaded,

@@ -80,7 +80,7 @@ Result<Settings> Settings::load(const std::string& path) {
   read_side(all, "height", settings.height);
   read_bool(all, "figures", settings.hud);
   read_bool(all, "panel", settings.panel);
-  if (const auto style = all.find("look"); style != all.end() && style->is_object()) {
+  if (const auto style = all.find("style"); style != all.end() && style->is_object()) {
     for (const StyleFlag& each : kStyleFlags) read_bool(*style, each.name, settings.style.*each.member);
     if (const auto map = style->find("colour_map"); map != style->end() && map->is_string())
       settings.style.colour_map = kColourMapNames.find(map->get<std::string>()).value_or(ColourMap::kViridis);
@@ -104,8 +104,8 @@ Result<void> Settings::save(const std::string& path) const {
   if (resolver) all["resolver"] = name_of(*resolver);
   if (playout) all["motion"] = name_of(*playout);
   if (smoothness) all["smoothness"] = *smoothness;
-  for (const StyleFlag& each : kStyleFlags) all["look"][each.name] = style.*each.member;
-  all["look"]["colour_map"] = kColourMapNames[style.colour_map];
+  for (const StyleFlag& each : kStyleFlags) all["style"][each.name] = style.*each.member;
+  all["style"]["colour_map"] = kColourMapNames[style.colour_map];
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
 }
 

@@ -131,6 +131,9 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     const auto basis = basis_from_name(text_or(given.basis, std::string(name_of(bake_options.basis))));
     if (!basis) return failed(basis.error());
     bake_options.basis = *basis;
+    const auto solver = kSolverNames.find(text_or(given.solver, std::string(kSolverNames[bake_options.solver])));
+    if (!solver) return invalid("ec_bake: the solver must be lanczos or spectra");
+    bake_options.solver = *solver;
     bake_options.name = text_or(given.name, {});
     if (given.rank > 0) bake_options.rank = static_cast<int>(std::min<std::uint32_t>(given.rank, 1u << 20));
     BakeProgress progress;

@@ -13,6 +13,7 @@
 #include "sdk/subscriber.h"
 
 struct ec_subscriber {
+  std::optional<eigencast::MemoryBudget> memory;  ///< Outlives the subscriber.
   std::unique_ptr<eigencast::Subscriber> subscriber;
   std::deque<eigencast::ReceivedPose> waiting;
   std::optional<eigencast::ReceivedPose> current;
@@ -152,9 +153,10 @@ ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* opt
     subscriber_options.url = url;
     subscriber_options.credentials = credentials_from(given);
     subscriber_options.cache_dir = given.cache_dir != nullptr ? given.cache_dir : default_cache_dir();
+    auto result = std::make_unique<ec_subscriber>();
+    if (given.max_memory_bytes > 0) subscriber_options.memory = &result->memory.emplace(given.max_memory_bytes);
     auto created = Subscriber::create(subscriber_options);
     if (!created) return failed(created.error());
-    auto result = std::make_unique<ec_subscriber>();
     result->subscriber = std::move(*created);
     *subscriber = result.release();
     return EC_OK;
@@ -211,6 +213,7 @@ ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber
     result.reconnects = now.reconnects;
     result.latency_p50_us = now.latency_us.percentile(50);
     result.latency_p99_us = now.latency_us.percentile(99);
+    result.retry_in_us = now.retry_in.value_or(0);
     return give(stats, result);
   });
 }

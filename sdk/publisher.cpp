@@ -211,7 +211,7 @@ class BrokerPublisher final : public Publisher {
       m.stream_id = writer_.stream_id();
       m.epoch = writer_.epoch();
       m.sequence = writer_.sequence();
-      m.stages.emplace_back(control::stage::kBegun, work.begun_us);
+      m.stages.emplace_back(control::stage::kStarted, work.begun_us);
       if (work.transformed_us != 0) m.stages.emplace_back(control::stage::kTransformed, work.transformed_us);
       m.stages.emplace_back(control::stage::kSent, sent_us);
       if (const auto clock = clock_.estimate()) m.broker_clock = {clock->offset_us, clock->error_us};

@@ -15,6 +15,11 @@ constexpr std::size_t kMaxPoses = 64;
 constexpr std::size_t kMaxTraces = 256;
 constexpr TimeUs kNoticeUs = 3'000'000;
 
+/// Nothing: there is none.
+std::optional<TimeUs> retry_at_us(milliseconds wait) {
+  return wait.count() > 0 ? std::optional(steady_now_us() + TimeUs{wait.count()} * 1000) : std::nullopt;
+}
+
 }  // namespace
 
 Receiver::Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake)
@@ -61,6 +66,7 @@ void Receiver::on_open(const BrokerUrl& broker) {
   condition_.open = condition_.ever_open = true;
   condition_.refused = condition_.declined = false;
   condition_.trouble.clear();
+  condition_.retry_at_us.reset();
   condition_.clock.reset();
   decoder_.restart();
   lock.unlock();
@@ -72,6 +78,7 @@ void Receiver::on_down(const Error& why, milliseconds wait) {
   condition_.open = condition_.declined = false;
   condition_.refused = why.code == ErrorCode::kRefused || wait.count() == 0;
   condition_.trouble = why.message + try_again_in(wait);
+  condition_.retry_at_us = retry_at_us(wait);
   lock.unlock();
   wake_();
 }
@@ -81,6 +88,7 @@ void Receiver::on_info(const control::StreamInfo& info) {
   decoder_.set_stream(info);
   news_.info = info;
   news_.declined = condition_.declined = false;
+  condition_.retry_at_us.reset();
   condition_.notice.clear();
   lock.unlock();
   wake_();
@@ -94,7 +102,7 @@ void Receiver::on_trace(const control::Trace& trace) {
 
 void Receiver::on_notice(const control::Notice& notice) {
   std::unique_lock lock(mutex_);
-  condition_.skipped += notice.skipped_frames;
+  condition_.dropped += notice.frames_dropped;
   condition_.notice = notice.message;
   notice_until_us_ = steady_now_us() + kNoticeUs;
   lock.unlock();
@@ -108,6 +116,7 @@ void Receiver::on_error(const control::ErrorMessage& error, bool declined) {
   if (declined) {
     news_.info.reset();
     news_.declined = condition_.declined = true;
+    condition_.retry_at_us = retry_at_us(request_.declined_retry);
   }
   condition_.notice = text;
   notice_until_us_ = std::numeric_limits<TimeUs>::max();

@@ -42,7 +42,8 @@ class Receiver final : private BrokerConnection::Listener {
     FrameDecoder::Counts counts;
     std::uint64_t bytes = 0;
     std::uint64_t reconnects = 0;
-    std::uint64_t skipped = 0;
+    std::optional<TimeUs> retry_at_us;  ///< Of the next try, on the steady clock.
+    std::uint64_t dropped = 0;
     std::optional<ClockOffset::Estimate> clock;
     Histogram latency_us;
   };

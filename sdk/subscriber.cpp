@@ -66,8 +66,9 @@ class BrokerSubscriber final : public Subscriber {
     Stats s;
     static_cast<FrameDecoder::Counts&>(s) = c.counts;
     s.bytes = c.bytes;
-    s.skipped = c.skipped;
+    s.dropped = c.dropped;
     s.reconnects = c.reconnects;
+    if (c.retry_at_us) s.retry_in = std::max<TimeUs>(0, *c.retry_at_us - steady_now_us());
     s.latency_us = c.latency_us;
     if (c.clock) {
       s.clock_offset_us = c.clock->offset_us;

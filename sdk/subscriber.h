@@ -52,9 +52,10 @@ class Subscriber {
     State state = State::kConnecting;
     std::string detail;         ///< For people: what is going on, why, and when the next try starts.
     std::uint64_t bytes = 0;    ///< Frames only, envelopes included.
-    std::uint64_t skipped = 0;  ///< Frames that newer ones overtook in the broker, as its notices say.
+    std::uint64_t dropped = 0;  ///< Frames that newer ones overtook in the broker, as its notices say.
     std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
     std::uint64_t reconnects = 0;
+    std::optional<TimeUs> retry_in;  ///< Until the next try to connect, or to ask again for a stream that was declined.
     std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< Relate to the broker.
     Histogram latency_us;  ///< Arrival minus capture time, for a sender on this machine's clock.
   };

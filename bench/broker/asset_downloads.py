@@ -6,7 +6,7 @@ Usage: asset_downloads.py BIN_DIR [--viewers N] [--downloads N] [--seconds S] [-
 
 A broker, a sender of 30 poses a second, viewers, and rounds without and with downloads in turn. Prints a line of JSON for each
 round: the broker's own histogram of the time from when a pose was to leave to its first write (upper bounds of the buckets that
-hold median and 99th percentile, in ms; keys as they come, so that nothing waits on purpose), frames skipped, MB/s downloaded.
+hold median and 99th percentile, in ms; keys as they come, so that nothing waits on purpose), frames dropped, MB/s downloaded.
 Needs curl.
 """
 import argparse
@@ -93,7 +93,7 @@ def main():
                               "delay_p99_below_ms": quantile_ms(before, after, 0.99),
                               "delay_mean_ms": round(1e3 * grown["eigencast_broker_frame_delay_seconds_sum"] /
                                                      grown["eigencast_broker_frame_delay_seconds_count"], 3),
-                              "skipped": grown["eigencast_broker_frames_skipped_total"],
+                              "dropped": grown["eigencast_broker_frames_dropped_total"],
                               "mb_per_s": round(grown["eigencast_broker_download_bytes_total"] / seconds / 1e6)}), flush=True)
     finally:
         for process in processes:

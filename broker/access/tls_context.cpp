@@ -78,7 +78,7 @@ Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config) {
   if (config.tls.certificate.empty()) return std::shared_ptr<SSL_CTX>();
   const std::shared_ptr<SSL_CTX> context(SSL_CTX_new(TLS_server_method()), SSL_CTX_free);
   if (!context) return fail(ErrorCode::kInternal, "no TLS: " + openssl_reason());
-  const bool only_13 = config.tls.least_version == "1.3";
+  const bool only_13 = config.tls.min_version == "1.3";
   SSL_CTX_set_cipher_list(context.get(), kCiphers);
   SSL_CTX_set_min_proto_version(context.get(), only_13 ? TLS1_3_VERSION : TLS1_2_VERSION);
   SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE |

@@ -171,7 +171,7 @@ void Backbone::reconcile_own() {
     write(name, own.entry);
   }
   for (const auto& [name, holder] : overruled) {
-    ++totals_.senders_dismissed;
+    ++totals_.senders_evicted;
     environment_.warn("stream '" + name + "': its sender is at another broker now, the one here is sent away");
     if (Stream* stream = hub_->find(name)) following_.follow(*stream, holder);
   }
@@ -316,7 +316,7 @@ Backbone::Totals Backbone::totals() const {
   Totals totals = totals_;
   totals.connected = connected_;
   totals.brokers = directory_.brokers(environment_.now_us());
-  totals.streams_followed = following_.size();
+  totals.streams_subscribed = following_.size();
   const TimeUs now = environment_.now_us();
   totals.streams_known = static_cast<std::uint64_t>(
       std::count_if(directory_.streams().begin(), directory_.streams().end(),

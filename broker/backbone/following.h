@@ -27,9 +27,9 @@ struct BackboneSettings {
 };
 struct BackboneTotals {
   bool connected = false;
-  std::uint64_t brokers = 1, streams_known = 0, streams_followed = 0;
+  std::uint64_t brokers = 1, streams_known = 0, streams_subscribed = 0;
   std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
-  std::uint64_t claims_refused = 0, senders_dismissed = 0, disconnects = 0, asset_bytes_fetched = 0;
+  std::uint64_t claims_refused = 0, senders_evicted = 0, disconnects = 0, asset_bytes_fetched = 0;
 };
 struct BackboneEnvironment {
   std::function<TimeUs()> now_us;

@@ -248,7 +248,7 @@ void Connection::describe(ClientInfo& info) const {
   info.bytes_sent = bytes_sent_;
   info.round_trip_us = outbox_.round_trip_us();
   info.acknowledges = outbox_.acknowledges();
-  info.skipped = outbox_.skipped_total();
+  info.dropped = outbox_.dropped_total();
   info.joins = outbox_.joins_total();
   info.control_waiting = outbox_.control_messages();
 }

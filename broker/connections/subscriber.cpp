@@ -111,7 +111,7 @@ FramePtr Subscriber::join_of(std::uint32_t stream_id) {
 }
 
 void Subscriber::on_tick() {
-  report_skipped();
+  report_dropped();
   for (auto& [id, watched] : streams_) {
     if (is_closing()) break;
     if (context().config.frames.ladder) step(*watched.stream, watched.ladder);
@@ -129,25 +129,25 @@ void Subscriber::step(Stream& stream, Ladder& ladder) {
   send(control::Notice{stream.name(), step->why + "; set frames.ladder on the broker to change that", 0});
 }
 
-void Subscriber::report_skipped() {
+void Subscriber::report_dropped() {
   context().counters.joins_sent += outbox().joins_total() - std::exchange(joins_counted_, outbox().joins_total());
-  for (const Outbox::Skipped& skipped : outbox().take_skipped()) {
-    context().counters.frames_skipped += skipped.frames;
-    const auto found = streams_.find(skipped.stream_id);
+  for (const Outbox::Dropped& dropped : outbox().take_dropped()) {
+    context().counters.frames_dropped += dropped.frames;
+    const auto found = streams_.find(dropped.stream_id);
     if (found == streams_.end()) continue;
     // A peer that does not read its queue gets no notice.
     if (outbox().control_messages() > 0) continue;
     send(control::Notice{found->second.stream->name(),
-                         "skipped " + std::to_string(skipped.frames) +
+                         "dropped " + std::to_string(dropped.frames) +
                              " frames that newer ones overtook before they could leave; where that goes on, a compact "
                              "or raw profile, or "
                              "fewer bands, needs less of the link",
-                         skipped.frames});
+                         dropped.frames});
   }
 }
 
 void Subscriber::on_closed() {
-  report_skipped();
+  report_dropped();
   for (const auto& [id, watched] : std::exchange(streams_, {})) {
     watched.stream->unwatch(*this);
     context().hub.unwatched(*watched.stream);

@@ -35,7 +35,7 @@ class Subscriber final : public Watcher, public Connection {
   void subscribe(const control::Subscribe& request);
   void unsubscribe(const control::Unsubscribe& request);
   void acknowledge(const control::Ack& ack);
-  void report_skipped();
+  void report_dropped();
   void step(Stream& stream, Ladder& ladder);
 
   std::optional<control::Subscribe> first_;

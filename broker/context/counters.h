@@ -39,7 +39,7 @@ struct EventCounts {
   std::uint64_t frames_refused = 0;
   std::uint64_t frames_sent = 0;
   std::uint64_t frame_bytes_sent = 0;
-  std::uint64_t frames_skipped = 0;
+  std::uint64_t frames_dropped = 0;
   std::uint64_t joins_sent = 0;
   std::uint64_t control_received = 0;
   std::uint64_t control_sent = 0;
@@ -82,7 +82,7 @@ struct ClientInfo {
   bool acknowledges = false;
   std::uint64_t frames_sent = 0;
   std::uint64_t bytes_sent = 0;
-  std::uint64_t skipped = 0;
+  std::uint64_t dropped = 0;
   std::uint64_t joins = 0;
   std::uint64_t control_waiting = 0;
 };

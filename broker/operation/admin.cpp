@@ -42,7 +42,7 @@ std::string json_text(const json& value) {
 json json_of(const ClientInfo& client) {
   json streams = json::array();
   for (const auto& watched : client.streams) {
-    streams.push_back({{"stream", watched.stream}, {"profile", watched.profile}, {"ladder_step", watched.rung}});
+    streams.push_back({{"stream", watched.stream}, {"profile", watched.profile}, {"rung", watched.rung}});
   }
   return {{"id", client.id},
           {"kind", client.kind == ClientInfo::Kind::kSender ? "sender" : "viewer"},
@@ -53,8 +53,8 @@ json json_of(const ClientInfo& client) {
           {"acknowledges", client.acknowledges},
           {"frames_sent", client.frames_sent},
           {"bytes_sent", client.bytes_sent},
-          {"frames_skipped", client.skipped},
-          {"joins", client.joins},
+          {"frames_dropped", client.dropped},
+          {"joins_sent", client.joins},
           {"control_waiting", client.control_waiting}};
 }
 
@@ -95,7 +95,7 @@ std::string recordings_report(const Context& context) {
                     {"error", info.error},
                     {"bytes", info.bytes},
                     {"frames", info.frames},
-                    {"frames_lost", info.lost},
+                    {"frames_dropped", info.dropped},
                     {"duration_s", seconds(info.duration_us)}});
   }
   return json_text({{"recordings", list}});
@@ -125,7 +125,7 @@ std::string broker_report(const Context& context, const Statistics& statistics) 
                     {"frames_received", counters.frames_received},
                     {"frames_sent", counters.frames_sent},
                     {"frame_bytes_sent", counters.frame_bytes_sent},
-                    {"frames_skipped", counters.frames_skipped},
+                    {"frames_dropped", counters.frames_dropped},
                     {"asset_bytes", context.assets.total_bytes()},
                     {"recordings", context.recorder.totals().active}});
 }

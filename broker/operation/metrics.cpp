@@ -91,10 +91,10 @@ class BrokerMetrics {
         {{"version", context_.version}});
     gauge("draining", "1 while the broker stops.", context_.draining);
     gauge("connections", "Open connections of the data port.", statistics_.connections_total());
-    auto& of_loops = family("eigencast_broker_thread_connections", MetricType::Gauge,
+    auto& of_loops = family("eigencast_broker_loop_connections", MetricType::Gauge,
                             "Those of each event loop; the first, 0, has all that are not viewers.");
     for (std::size_t i = 0; i < statistics_.connections.size(); ++i) {
-      add(of_loops, static_cast<double>(statistics_.connections[i]), {{"thread", std::to_string(i)}});
+      add(of_loops, static_cast<double>(statistics_.connections[i]), {{"loop", std::to_string(i)}});
     }
     counter("connections_total", "Connections accepted on the data port.", counters.connections_total);
     counter("connections_refused_total", "Connections over limits.max_connections.", counters.connections_refused);
@@ -135,7 +135,7 @@ class BrokerMetrics {
     counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
     counter("frames_sent_total", "Frames sent to viewers.", counters.frames_sent);
     counter("frame_bytes_sent_total", "Bytes of those frames.", counters.frame_bytes_sent);
-    counter("frames_skipped_total", "Frames replaced by newer ones before they left.", counters.frames_skipped);
+    counter("frames_dropped_total", "Frames replaced by newer ones before they left.", counters.frames_dropped);
     counter("joins_sent_total", "Join frames sent: viewers that came, or had missed something.", counters.joins_sent);
     auto& steps = family("eigencast_broker_ladder_steps_total", MetricType::Counter,
                          "Profiles changed for links that take less or more, by where the step led.");
@@ -175,7 +175,7 @@ class BrokerMetrics {
     counter("recordings_failed_total", "Recordings that the disk ended.", totals.failed);
     counter("recorded_frames_total", "Frames recorded.", totals.frames);
     counter("recorded_bytes_total", "Bytes written into recordings.", totals.bytes);
-    counter("recording_frames_lost_total", "Frames left out of recordings because the disk was behind.", totals.lost);
+    counter("recording_frames_dropped_total", "Frames left out because the disk was behind.", totals.dropped);
     gauge("recording_queue_bytes", "Waiting for the disk.", totals.queued_bytes);
     gauge("recording_stored_bytes", "All recordings on the disk.", totals.stored_bytes);
   }
@@ -186,15 +186,15 @@ class BrokerMetrics {
     gauge("backbone_connected", "1 while there is a connection to NATS.", totals.connected);
     gauge("backbone_brokers", "Brokers heard of, this one included.", totals.brokers);
     gauge("backbone_streams_known", "Streams that have a sender at any of the brokers.", totals.streams_known);
-    gauge("backbone_streams_followed", "Streams of other brokers that viewers watch here.", totals.streams_followed);
+    gauge("backbone_streams_subscribed", "Streams of other brokers, watched here.", totals.streams_subscribed);
     counter("backbone_frames_published_total", "Keys of senders here, sent to other brokers.", totals.frames_published);
     counter("backbone_frames_followed_total", "Keys of senders at other brokers.", totals.frames_followed);
     counter("backbone_frames_dropped_total", "Messages of other brokers that were of no use.", totals.frames_dropped);
     counter("backbone_joins_asked_total", "Joins asked of other brokers: beginnings and gaps.", totals.joins_asked);
     counter("backbone_joins_answered_total", "Joins given to other brokers.", totals.joins_answered);
     counter("backbone_claims_refused_total", "Senders refused because another broker has one.", totals.claims_refused);
-    counter("backbone_senders_dismissed_total", "Senders sent away because another broker has a later one.",
-            totals.senders_dismissed);
+    counter("backbone_senders_evicted_total", "Senders sent away because another broker has a later one.",
+            totals.senders_evicted);
     counter("backbone_disconnects_total", "Losses of the connection to NATS.", totals.disconnects);
     counter("backbone_asset_bytes_total", "Bytes of assets copied from other brokers.", totals.asset_bytes_fetched);
   }

@@ -15,8 +15,8 @@ constexpr std::uint16_t kMaxGoodSeconds = 160;
 constexpr std::uint64_t kManyJoins = 2;
 
 bool is_bad(const Ladder::Counts& lately) {
-  const bool many_skipped = lately.skipped >= 3 && lately.skipped * 10 > lately.sent + lately.skipped;
-  return many_skipped || lately.joins >= kManyJoins;
+  const bool many_dropped = lately.dropped >= 3 && lately.dropped * 10 > lately.sent + lately.dropped;
+  return many_dropped || lately.joins >= kManyJoins;
 }
 
 std::string in_words(const Profile& profile) {
@@ -63,7 +63,7 @@ Ladder::Ladder(const Profile& asked) : requested_(asked), climbs_after_(kGoodSec
 
 std::optional<Ladder::Step> Ladder::check(const Counts& counts, std::uint8_t bands) {
   const Counts before = std::exchange(seen_, counts);
-  const Counts lately{counts.sent - before.sent, counts.skipped - before.skipped, counts.joins - before.joins};
+  const Counts lately{counts.sent - before.sent, counts.dropped - before.dropped, counts.joins - before.joins};
   if (lately.sent == 0) return std::nullopt;  // The reader or the stream pauses.
   if (rung_ == 0 && !is_bad(lately)) {        // The common case.
     bad_seconds_ = 0;
@@ -88,8 +88,8 @@ std::optional<Ladder::Step> Ladder::descend(const Counts& lately, const std::vec
   if (rung_ + 1 >= rungs.size()) return std::nullopt;
   const Profile& next = rungs[++rung_];
   return Step{next, true, rung_name(next, requested_),
-              "the link takes less than it is offered (in the last second " + std::to_string(lately.skipped) +
-                  " frames skipped, " + std::to_string(lately.joins) + " joins needed): now " + in_words(next) +
+              "the link takes less than it is offered (in the last second " + std::to_string(lately.dropped) +
+                  " frames dropped, " + std::to_string(lately.joins) + " joins needed): now " + in_words(next) +
                   " instead of " + in_words(rungs[rung_ - 1]) + ", and back when the link recovers"};
 }
 

@@ -18,7 +18,7 @@ class Ladder {
  public:
   struct Counts {
     std::uint64_t sent = 0;
-    std::uint64_t skipped = 0;
+    std::uint64_t dropped = 0;
     std::uint64_t joins = 0;  ///< Among those sent.
   };
   struct Step {

@@ -41,7 +41,7 @@ void Outbox::open_lane(std::uint32_t stream_id) {
   if (lane == nullptr) lane = &lanes_.emplace_back();
   const Lane before = std::exchange(*lane, Lane{});
   lane->stream_id = stream_id;
-  lane->skipped = before.skipped;
+  lane->dropped = before.dropped;
   lane->counts = before.counts;
 }
 
@@ -122,10 +122,10 @@ void Outbox::note_in_flight(Lane& lane) {
 void Outbox::drop_unsent(const Frame& frame) {
   Lane* lane = find(frame.envelope.stream_id);
   if (lane == nullptr) return;
-  ++lane->skipped;
-  ++lane->counts.skipped;
+  ++lane->dropped;
+  ++lane->counts.dropped;
   --lane->counts.sent;
-  ++skipped_total_;
+  ++dropped_total_;
   std::erase_if(lane->in_flight, [&](const InFlight& sent) {
     return sent.sequence == frame.envelope.sequence && sent.step == frame.envelope.step;
   });
@@ -176,10 +176,10 @@ bool Outbox::in_flight_too_long(const Lane& lane, TimeUs now_us) const {
   return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last.sent_us < limits_.probe_us;
 }
 
-std::vector<Outbox::Skipped> Outbox::take_skipped() {
-  std::vector<Skipped> all;
+std::vector<Outbox::Dropped> Outbox::take_dropped() {
+  std::vector<Dropped> all;
   for (Lane& lane : lanes_) {
-    if (lane.skipped > 0) all.push_back({lane.stream_id, std::exchange(lane.skipped, 0)});
+    if (lane.dropped > 0) all.push_back({lane.stream_id, std::exchange(lane.dropped, 0)});
   }
   return all;
 }
@@ -192,9 +192,9 @@ Ladder::Counts Outbox::counts(std::uint32_t stream_id) {
 void Outbox::skip(Lane& lane, FramePtr& waiting) {
   if (!waiting) return;
   waiting = nullptr;
-  ++lane.skipped;
-  ++lane.counts.skipped;
-  ++skipped_total_;
+  ++lane.dropped;
+  ++lane.counts.dropped;
+  ++dropped_total_;
 }
 
 Outbox::Lane* Outbox::find(std::uint32_t stream_id) {

@@ -42,7 +42,7 @@ class Outbox {
     FramePtr frame;
   };
 
-  struct Skipped {
+  struct Dropped {
     std::uint32_t stream_id = 0;
     std::uint64_t frames = 0;
   };
@@ -72,7 +72,7 @@ class Outbox {
   /// The next message to send: control first, then the lanes in turn. Nothing: all is sent or waits for the window.
   std::optional<Item> take(TimeUs now_us, const JoinSource& join_of);
 
-  /// A frame that take() returned was not written: counts it as skipped; the receiver does not have it.
+  /// A frame that take() returned was not written: counts it as dropped; the receiver does not have it.
   void drop_unsent(const Frame& frame);
 
   void acknowledge(const control::Ack::Item& item, TimeUs now_us);
@@ -80,10 +80,10 @@ class Outbox {
   /// Frames wait from then on; ReaderWatch::kNever: they do not. Ignored for clients that acknowledge.
   void hold_from(TimeUs when_us) { hold_from_us_ = acknowledges_ ? ReaderWatch::kNever : when_us; }
 
-  /// Frames skipped since the last call, per lane; lanes without any are left out.
-  std::vector<Skipped> take_skipped();
+  /// Frames dropped since the last call, per lane; lanes without any are left out.
+  std::vector<Dropped> take_dropped();
   Ladder::Counts counts(std::uint32_t stream_id);
-  std::uint64_t skipped_total() const { return skipped_total_; }
+  std::uint64_t dropped_total() const { return dropped_total_; }
   std::uint64_t joins_total() const { return joins_total_; }
   std::size_t lanes() const { return lanes_.size(); }
   bool acknowledges() const { return acknowledges_; }
@@ -107,7 +107,7 @@ class Outbox {
     InFlight last{0, {}, -1};             ///< The last frame sent; the only one kept before the first acknowledgement.
     Ladder::Counts counts;
     std::vector<InFlight> in_flight;  ///< Oldest first.
-    std::uint64_t skipped = 0;        ///< Since they were last taken.
+    std::uint64_t dropped = 0;        ///< Since they were last taken.
   };
 
   Lane* find(std::uint32_t stream_id);
@@ -137,7 +137,7 @@ class Outbox {
   std::optional<TimeUs> min_round_trip_;           ///< In the current period.
   std::optional<TimeUs> previous_min_round_trip_;  ///< In the period before it.
   TimeUs period_start_us_ = 0;
-  std::uint64_t skipped_total_ = 0;
+  std::uint64_t dropped_total_ = 0;
   std::uint64_t joins_total_ = 0;
 };
 

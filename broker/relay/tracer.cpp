@@ -41,8 +41,8 @@ std::optional<control::Trace> Tracer::trace_of(const Frame& frame) const {
   trace.sequence = head.sequence;
   trace.step = head.step.byte();
   trace.stages.emplace_back(control::stage::kArrived, arrival->arrival_us);
-  if (frame.times.due_us != 0) trace.stages.emplace_back(control::stage::kDue, frame.times.due_us);
-  trace.stages.emplace_back(control::stage::kLeft, frame.times.written_us);
+  if (frame.times.due_us != 0) trace.stages.emplace_back(control::stage::kScheduled, frame.times.due_us);
+  trace.stages.emplace_back(control::stage::kWritten, frame.times.written_us);
   return trace;
 }
 

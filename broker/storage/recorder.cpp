@@ -73,7 +73,7 @@ struct Recorder::Session {
   bool announced = false;
   bool wants_checkpoint = true;
   TimeUs checkpoint_us = 0;
-  std::uint64_t lost = 0;  ///< Since the last enqueued key.
+  std::uint64_t dropped = 0;  ///< Since the last enqueued key.
   bool failed = false;
   RecordingInfo info;
 
@@ -91,7 +91,7 @@ struct Recorder::Item {
   KeyRecordPtr record{};
   bool checkpoint = false;        ///< Write the state after this key.
   bool frame = true;              ///< Write the key itself.
-  std::uint64_t lost = 0;         ///< Keys dropped before this one.
+  std::uint64_t dropped = 0;      ///< Keys dropped before this one.
   control::Announce announced{};  ///< kAnnounce
   CoefficientLayout layout{};
   std::size_t bytes = 0;
@@ -184,9 +184,9 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   if (!session.announced) announce(found->second, stream);
   const std::size_t bytes = kItemBytes + record->payload.size();
   if (totals_.queued_bytes + bytes > settings_.max_queued_bytes) {
-    ++session.lost;
-    ++session.info.lost;
-    ++totals_.lost;
+    ++session.dropped;
+    ++session.info.dropped;
+    ++totals_.dropped;
     session.wants_checkpoint = true;
     return;
   }
@@ -197,7 +197,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
         .record = record,
         .checkpoint = checkpoint,
         .frame = !gap,
-        .lost = std::exchange(session.lost, 0),
+        .dropped = std::exchange(session.dropped, 0),
         .bytes = bytes});
 }
 
@@ -339,10 +339,10 @@ void Recorder::write_key(const Item& item) {
   if (!session.writer) return;
   if (session.start_us == 0) session.start_us = item.record->arrival_us;
   const TimeUs time_us = item.record->arrival_us - session.start_us;
-  if (item.lost > 0) {
-    (void)session.writer->gap(time_us, item.lost);
-    log(log_, LogLevel::kWarning,
-        "recording of '" + session.stream + "': the disk is behind, " + std::to_string(item.lost) + " frames left out");
+  if (item.dropped > 0) {
+    (void)session.writer->gap(time_us, item.dropped);
+    const std::string dropped = std::to_string(item.dropped) + " frames dropped";
+    log(log_, LogLevel::kWarning, "recording of '" + session.stream + "': the disk is behind, " + dropped);
   }
   if (item.frame) {
     (void)session.writer->frame(time_us, make_frame(envelope_of(*item.record), item.record->payload)->message());

@@ -29,7 +29,7 @@ struct RecordingInfo {
   std::string error;  ///< Why it failed.
   std::uint64_t bytes = 0;
   std::uint64_t frames = 0;
-  std::uint64_t lost = 0;  ///< Dropped because the disk was too slow.
+  std::uint64_t dropped = 0;  ///< Dropped because the disk was too slow.
   TimeUs duration_us = 0;
 };
 inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting", "recording", "finished", "failed"}};
@@ -51,7 +51,7 @@ class Recorder final : public StreamTap {
     std::uint64_t active = 0;
     std::uint64_t failed = 0;
     std::uint64_t frames = 0;
-    std::uint64_t lost = 0;
+    std::uint64_t dropped = 0;
     std::uint64_t bytes = 0;  ///< Written in this run.
     std::uint64_t queued_bytes = 0;
     std::uint64_t stored_bytes = 0;  ///< All files in the folder.

@@ -84,10 +84,10 @@ bool Reader::load_end() {
   ByteReader in(end->body);
   const std::uint64_t last_index = in.u64();
   info_.frames = in.u64();
-  info_.lost = in.u64();
+  info_.dropped = in.u64();
   info_.duration_us = end->time_us;
   if (!load_index(last_index)) {
-    info_.frames = info_.lost = 0;
+    info_.frames = info_.dropped = 0;
     index_.clear();
     return false;
   }
@@ -127,7 +127,7 @@ void Reader::scan() {
     if (record->type == Type::kFrame) ++info_.frames;
     if (record->type == Type::kAnnounce) announce = offset;
     if (record->type == Type::kCheckpoint && announce != 0) index_.push_back({record->time_us, offset, announce});
-    if (record->type == Type::kGap) info_.lost += ByteReader(record->body).u64();
+    if (record->type == Type::kGap) info_.dropped += ByteReader(record->body).u64();
     offset += kHeadBytes + record->body.size();
   }
   info_.whole_bytes = offset;

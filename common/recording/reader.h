@@ -16,7 +16,7 @@ struct Info {
   Start start;
   TimeUs duration_us = 0;
   std::uint64_t frames = 0;
-  std::uint64_t lost = 0;         ///< Frames that the recorder had to leave out.
+  std::uint64_t dropped = 0;      ///< Frames that the recorder had to leave out.
   bool complete = false;          ///< It has its end. If not, the recorder was cut off, or still writes.
   std::uint64_t whole_bytes = 0;  ///< Up to the end of the last whole record.
   std::uint64_t torn_bytes = 0;   ///< After it: never whole, or damaged.

@@ -74,7 +74,7 @@ Result<void> Writer::gap(TimeUs time_us, std::uint64_t frames) {
   Bytes body;
   ByteWriter(body).u64(frames);
   append(Type::kGap, time_us, body);
-  lost_ += frames;
+  dropped_ += frames;
   return {};
 }
 
@@ -93,7 +93,7 @@ Result<void> Writer::finish() {
   if (!entries_.empty()) append_index();
   Bytes body;
   ByteWriter out(body);
-  for (const std::uint64_t value : {last_index_, frames_, lost_}) out.u64(value);
+  for (const std::uint64_t value : {last_index_, frames_, dropped_}) out.u64(value);
   append(Type::kEnd, last_us_, body);
   return sync();
 }
@@ -166,7 +166,7 @@ Result<Recovered> recover(const std::string& path) {
   writer.written_ = info.whole_bytes;
   writer.last_us_ = info.duration_us;
   writer.frames_ = info.frames;
-  writer.lost_ = info.lost;
+  writer.dropped_ = info.dropped;
   // One new chain over all: what index blocks there are before the tear are left behind, and may be.
   writer.entries_ = reader->index();
   if (::ftruncate(writer.file_.get(), static_cast<off_t>(info.whole_bytes)) != 0) return writer.give_up(errno);

@@ -67,7 +67,7 @@ class Writer {
   std::uint64_t last_index_ = 0;  ///< Offset of the last index block; 0: none.
   std::vector<IndexEntry> entries_;
   TimeUs last_us_ = 0;
-  std::uint64_t frames_ = 0, lost_ = 0;
+  std::uint64_t frames_ = 0, dropped_ = 0;
   bool broken_ = false;
 };
 

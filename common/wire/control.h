@@ -152,19 +152,19 @@ struct TraceRequest {
 
 /// The stages that this version stamps (docs/protocol.md).
 namespace stage {
-inline constexpr std::string_view kBegun = "begun";              ///< Sender: work on the pose began.
+inline constexpr std::string_view kStarted = "started";          ///< Sender: work on the pose started.
 inline constexpr std::string_view kTransformed = "transformed";  ///< Sender: its coefficients are there.
 inline constexpr std::string_view kSent = "sent";                ///< Sender: the frame is there, and handed over.
 inline constexpr std::string_view kArrived = "arrived";          ///< Broker: the key was read.
-inline constexpr std::string_view kDue = "due";    ///< Broker: when the pose was to leave, if it was held.
-inline constexpr std::string_view kLeft = "left";  ///< Broker: the frame was handed to the first viewer's socket.
+inline constexpr std::string_view kScheduled = "scheduled";      ///< Broker: when the pose was due, if it was held.
+inline constexpr std::string_view kWritten = "written";  ///< Broker: the frame was handed to the first viewer's socket.
 }  // namespace stage
 
 /// "notice", broker to client at most once a second: what was done to this connection and which knob changes it.
 struct Notice {
   std::string stream;
   std::string message;
-  std::uint64_t skipped_frames = 0;
+  std::uint64_t frames_dropped = 0;
 };
 
 /// "error", broker to anyone. `code` is a name_of(ErrorCode).

@@ -257,7 +257,7 @@ struct Describe {
   void operator()(control::Notice& m) const {
     if (f.wants("stream")) f.text("stream", m.stream);
     f.text("message", m.message);
-    if (f.wants("skipped_frames")) f.integer("skipped_frames", m.skipped_frames);
+    if (f.wants("frames_dropped")) f.integer("frames_dropped", m.frames_dropped);
   }
   void operator()(control::ErrorMessage& m) const {
     f.text("code", m.code);

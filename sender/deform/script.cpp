@@ -29,7 +29,7 @@ Vec3 moved_by(const Move& move, const Box& box, const Vec3& p, std::size_t which
       return {p[0] + values[0], p[1] + values[1], p[2] + values[2]};
     case Move::Kind::kScale:
       return scaled(p, move.centre, {values[0], values[1], values[2]});
-    case Move::Kind::kPlace:
+    case Move::Kind::kPosition:
       return {values[3 * which], values[3 * which + 1], values[3 * which + 2]};
   }
   return p;
@@ -131,10 +131,10 @@ class ScriptParser {
 };
 
 bool ScriptParser::kind(const json& move, Move& out) {
-  static constexpr std::array<std::string_view, 6> kKinds{"twist", "bend", "rotate", "translate", "scale", "place"};
+  static constexpr std::array<std::string_view, 6> kKinds{"twist", "bend", "rotate", "translate", "scale", "position"};
   const json name = move.value("move", json(""));
   const auto found = name.is_string() ? std::find(kKinds.begin(), kKinds.end(), name.get<std::string>()) : kKinds.end();
-  if (found == kKinds.end()) return wrong("\"move\" must be twist, bend, rotate, translate, scale or place");
+  if (found == kKinds.end()) return wrong("\"move\" must be twist, bend, rotate, translate, scale or position");
   out.kind = static_cast<Move::Kind>(found - kKinds.begin());
   const bool turns = out.kind <= Move::Kind::kRotate;
   if (turns && !axis(move, "axis", out.frame.axis)) return false;
@@ -181,7 +181,7 @@ bool ScriptParser::values(const json& key, const Move& move, std::vector<double>
     out.push_back(degrees * std::numbers::pi / 180);
     return true;
   }
-  if (move.kind != Move::Kind::kPlace) {
+  if (move.kind != Move::Kind::kPosition) {
     Vec3 by;
     if (!know(key, {"at", "by"}) || !point(key.value("by", json()), "by", by)) return false;
     out.insert(out.end(), by.begin(), by.end());
@@ -205,7 +205,7 @@ bool ScriptParser::keys(const json& move, Move& out) {
     return wrong("\"keys\" must be a list of 1 to " + std::to_string(kMaxKeys) + " keys");
   const std::string outer = where_;
   Track& track = out.track;
-  track.width = out.kind <= Move::Kind::kRotate ? 1 : out.kind == Move::Kind::kPlace ? 3 * out.handles.size() : 3;
+  track.width = out.kind <= Move::Kind::kRotate ? 1 : out.kind == Move::Kind::kPosition ? 3 * out.handles.size() : 3;
   for (std::size_t i = 0; i < all.size(); ++i) {
     where_ = outer + ", key " + std::to_string(i);
     double at = 0;

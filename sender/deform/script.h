@@ -19,12 +19,12 @@ struct Track {
 };
 
 struct Move {
-  enum class Kind { kTwist, kBend, kRotate, kTranslate, kScale, kPlace };
+  enum class Kind { kTwist, kBend, kRotate, kTranslate, kScale, kPosition };
   Kind kind = Kind::kTranslate;
   Frame frame;
   std::vector<std::uint32_t> handles;  ///< Which; all of them are listed too.
   Vec3 centre{};                       ///< A rotation or a scale keeps it.
-  Track track;                         ///< Radians; or three components; or three for each handle (kPlace).
+  Track track;                         ///< Radians; or three components; or three for each handle (kPosition).
 };
 
 /// Moves done one after the other to the handles at rest.

@@ -414,7 +414,7 @@ const std::vector<std::string>& messages() {
              control::Subscribe{"a", raw}, control::Subscribe{"a", full}, control::Subscribe{"b", compact},
              control::Subscribe{"c/d", full}, control::Unsubscribe{"a"}, control::Unsubscribe{"b"},
              control::TraceRequest{"a", 1}, control::TraceRequest{"a", 0}, control::Ping{7, 1}, control::Pong{7, 1, 2},
-             control::Trace{1, 1, {{"begun", 1}, {"sent", 5}}, 1, 0, {}}, control::Bye{"enough", 0}}) {
+             control::Trace{1, 1, {{"started", 1}, {"sent", 5}}, 1, 0, {}}, control::Bye{"enough", 0}}) {
       texts.push_back(text_from_control(message));
     }
     texts.push_back(R"({"op":"unknown"})");

@@ -26,11 +26,11 @@ Asset icosahedron() {
 /// What is taken is sound, and the same when it is written and read again.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const Asset asset = icosahedron();
-  auto texture = decode_wedges(ByteView(data, size), asset.base_count, asset.map, asset.faces);
+  auto texture = decode_uvs(ByteView(data, size), asset.base_count, asset.map, asset.faces);
   if (!texture) return 0;
   texture->image = {1};
   if (!validate_texture(*texture, asset)) std::abort();
-  const auto again = decode_wedges(encode_wedges(*texture, asset), asset.base_count, asset.map, asset.faces);
+  const auto again = decode_uvs(encode_uvs(*texture, asset), asset.base_count, asset.map, asset.faces);
   if (!again || again->uvs != texture->uvs || again->parent != texture->parent || again->corners != texture->corners ||
       again->first_wedge != texture->first_wedge)
     std::abort();

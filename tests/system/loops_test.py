@@ -110,7 +110,7 @@ class Loops(unittest.TestCase):
         for viewer in viewers:
             self.assertEqual(next_control(viewer, "stream")["state"], "live")
         for thread in "01":
-            self.assertRegex(self.ask("/metrics"), r'thread_connections\{thread="%s"\} [1-9]' % thread)
+            self.assertRegex(self.ask("/metrics"), r'loop_connections\{loop="%s"\} [1-9]' % thread)
         return viewers
 
     def show(self, sender, viewers, keys=5):
@@ -149,7 +149,7 @@ class Loops(unittest.TestCase):
         sender = self.publish()
         viewers = self.watch(VIEWERS)
         for thread in "01":
-            self.assertRegex(self.ask("/metrics"), r'thread_connections\{thread="%s"\} [45]\n' % thread)
+            self.assertRegex(self.ask("/metrics"), r'loop_connections\{loop="%s"\} [45]\n' % thread)
         self.show(sender, viewers, KEYS)
         self.assertEqual(json.loads(self.ask("/api/broker"))["frames_sent"], KEYS * VIEWERS)
 

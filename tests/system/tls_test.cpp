@@ -105,9 +105,9 @@ TEST_F(TlsTest, NothingOlderThanTheConfigurationAllowsIsSpoken) {
   EXPECT_THAT(handshake("-tls1_1"), Not(HasSubstr("Protocol version")));
   EXPECT_THAT(handshake("-tls1_2"), HasSubstr("Protocol version: TLSv1.2"));
   EXPECT_THAT(handshake("-tls1_3"), HasSubstr("Protocol version: TLSv1.3"));
-  write_secret(scene_.file("eigencast.toml"), "[tls]\nleast_version = \"1.3\"\n");
+  write_secret(scene_.file("eigencast.toml"), "[tls]\nmin_version = \"1.3\"\n");
   ASSERT_TRUE(reloads(*broker)) << scene_.logs();
-  EXPECT_TRUE(broker->wait_for_output("tls.least_version = \"1.3\"", kPatience)) << scene_.logs();
+  EXPECT_TRUE(broker->wait_for_output("tls.min_version = \"1.3\"", kPatience)) << scene_.logs();
   EXPECT_THAT(handshake("-tls1_2"), Not(HasSubstr("Protocol version")));
 }
 

@@ -60,17 +60,17 @@ void Timeline::add(const Received& received) {
 void Timeline::add(const control::Trace& trace) {
   Key& key = keys_[trace.sequence];
   key.traced = true;
-  std::optional<TimeUs> begun, transformed, sent, arrived, due, left;
+  std::optional<TimeUs> started, transformed, sent, arrived, scheduled, written;
   for (const auto& [stage, time_us] : trace.stages) {
-    if (stage == control::stage::kBegun) begun = time_us;
+    if (stage == control::stage::kStarted) started = time_us;
     if (stage == control::stage::kTransformed) transformed = time_us;
     if (stage == control::stage::kSent) sent = time_us;
     if (stage == control::stage::kArrived) arrived = time_us;
-    if (stage == control::stage::kDue) due = time_us;
-    if (stage == control::stage::kLeft) left = time_us;
+    if (stage == control::stage::kScheduled) scheduled = time_us;
+    if (stage == control::stage::kWritten) written = time_us;
   }
-  if (begun && sent) key.sender = Sender{*begun, transformed.value_or(*begun), *sent, trace.broker_clock};
-  if (arrived && left && key.broker.size() < kMaxSteps) key.broker[trace.step] = Broker{*arrived, *left, due};
+  if (started && sent) key.sender = Sender{*started, transformed.value_or(*started), *sent, trace.broker_clock};
+  if (arrived && written && key.broker.size() < kMaxSteps) key.broker[trace.step] = {*arrived, *written, scheduled};
   settle(trace.sequence, key);
 }
 
@@ -110,19 +110,19 @@ StagedPose Timeline::staged(const Received& r, const Key& key, const Broker& bro
   const auto down = clocks_.one_machine ? ViewerClock{} : *r.clock;
   StagedPose pose;
   pose.envelope = r.envelope;
-  const TimeUs ready_us = std::max(broker.arrived_us, broker.due_us.value_or(broker.arrived_us));
-  pose.at(Stage::kSchedule) = {sender.begun_us - *key.capture_us, 0};
-  pose.at(Stage::kTransform) = {sender.transformed_us - sender.begun_us, 0};
+  const TimeUs ready_us = std::max(broker.arrived_us, broker.scheduled_us.value_or(broker.arrived_us));
+  pose.at(Stage::kSchedule) = {sender.started_us - *key.capture_us, 0};
+  pose.at(Stage::kTransform) = {sender.transformed_us - sender.started_us, 0};
   pose.at(Stage::kEncode) = {sender.sent_us - sender.transformed_us, 0};
   pose.at(Stage::kToBroker) = {broker.arrived_us - up.offset_us - sender.sent_us, up.error_us};
   // A pose between two keys waits for the later one to be made, then for its turn. All poses of an interval are made to
   // wait as long as its first one must; what is beyond that is margin.
   const TimeUs held_us = *key.capture_us - r.envelope.capture_us + ready_us - broker.arrived_us;
-  const TimeUs hold_us = broker.due_us ? min_hold_us(r.envelope.sequence, key).value_or(held_us) : held_us;
+  const TimeUs hold_us = broker.scheduled_us ? min_hold_us(r.envelope.sequence, key).value_or(held_us) : held_us;
   pose.at(Stage::kHold) = {hold_us, 0};
   pose.at(Stage::kMargin) = {held_us - hold_us, 0};
-  pose.at(Stage::kInBroker) = {broker.left_us - ready_us, 0};
-  pose.at(Stage::kToClient) = {r.read_us + down.offset_us - broker.left_us, down.error_us};
+  pose.at(Stage::kInBroker) = {broker.written_us - ready_us, 0};
+  pose.at(Stage::kToClient) = {r.read_us + down.offset_us - broker.written_us, down.error_us};
   pose.at(Stage::kDecode) = {r.decoded_us - r.read_us, 0};
   pose.at(Stage::kHandOver) = {r.taken_us - r.decoded_us, 0};
   pose.at(Stage::kReconstruct) = {r.rebuilt_us - r.taken_us, 0};

@@ -88,12 +88,12 @@ class Timeline {
 
  private:
   struct Sender {
-    TimeUs begun_us = 0, transformed_us = 0, sent_us = 0;
+    TimeUs started_us = 0, transformed_us = 0, sent_us = 0;
     std::optional<control::Trace::BrokerClock> clock;
   };
   struct Broker {
-    TimeUs arrived_us = 0, left_us = 0;
-    std::optional<TimeUs> due_us;
+    TimeUs arrived_us = 0, written_us = 0;
+    std::optional<TimeUs> scheduled_us;
   };
   struct Key {
     std::optional<Sender> sender;

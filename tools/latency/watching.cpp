@@ -126,7 +126,7 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
   outcome_.kbit_per_s =
       outcome_.seconds > 0 ? static_cast<double>(stats.bytes - at_begin_.bytes) * 8e-3 / outcome_.seconds : 0;
   outcome_.reconnects = stats.reconnects - at_begin_.reconnects;
-  outcome_.counts.superseded = stats.skipped - at_begin_.skipped;
+  outcome_.counts.superseded = stats.dropped - at_begin_.dropped;
   if (!one_clock_) {  // Only gaps in the keys' numbers of a sender elsewhere are known.
     const std::uint64_t missed = stats.missed - at_begin_.missed;
     outcome_.counts.keys_lost = missed - std::min(missed, outcome_.counts.superseded);

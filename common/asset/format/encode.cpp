@@ -169,7 +169,7 @@ class Encoder {
       tiles.push_back(packed(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
     }
     if (asset_.texture && end_row == asset_.vertex_count) {
-      tiles.push_back(packed(TileKind::kWedges, 0, encode_wedges(*asset_.texture, asset_)));
+      tiles.push_back(packed(TileKind::kUvs, 0, encode_uvs(*asset_.texture, asset_)));
       tiles.push_back(packed(TileKind::kImage, 0, asset_.texture->image));
     }
   }

@@ -17,7 +17,7 @@ namespace eigencast {
 enum class TileKind : std::uint8_t {
   kStructure = 1,
   kBasis = 2,
-  kWedges = 16,
+  kUvs = 16,
   kColours = 18,
   kSplats = 20,
   kImage = 21,

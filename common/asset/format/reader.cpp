@@ -74,14 +74,14 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
 
 std::uint64_t AssetReader::memory_bytes() const {
   // Beside the basis: an asset's arrays, poses and what is drawn of them, in memory and on the GPU.
-  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kEntryBytes = 3 * sizeof(float), kWedgeByteBytes = 8;
+  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kEntryBytes = 3 * sizeof(float), kUvByteBytes = 8;
   std::uint64_t largest_chunk = 0, extras = 0, entry_bytes = kEntryBytes;
   for (const ChunkEntry& chunk : manifest_->chunks) {
     std::uint64_t unpacked = 4 * chunk.stored_bytes();  // This one, two that are ready, one that is on its way.
     for (const TileEntry& tile : chunk.tiles) {
       unpacked += tile.raw_bytes;
       if (tile.is(TileKind::kDetail)) entry_bytes = 2 * kEntryBytes;
-      if (tile.is(TileKind::kWedges)) extras += kWedgeByteBytes * tile.raw_bytes;
+      if (tile.is(TileKind::kUvs)) extras += kUvByteBytes * tile.raw_bytes;
       if (tile.is(TileKind::kImage)) extras += tile.raw_bytes;
     }
     largest_chunk = std::max(largest_chunk, unpacked);
@@ -223,10 +223,10 @@ Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes,
 /// Comes with the last chunk: only then all corners are where they belong.
 Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const ChunkEntry& entry, ByteView bytes,
                                                                         const StructureTile& structure) const {
-  const auto wedge_tile = find_tile(entry, bytes, TileKind::kWedges);
+  const auto uv_tile = find_tile(entry, bytes, TileKind::kUvs);
   const auto image_tile = find_tile(entry, bytes, TileKind::kImage);
-  if (entry.end_row != asset_.vertex_count || !wedge_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
-  auto raw = unpacked(*wedge_tile);
+  if (entry.end_row != asset_.vertex_count || !uv_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
+  auto raw = unpacked(*uv_tile);
   if (!raw) return raw.error();
   auto image = unpacked(*image_tile);
   if (!image) return image.error();
@@ -234,7 +234,7 @@ Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const Ch
   append(map, structure.map);
   std::vector<Corners> faces = structure.old_faces;
   append(faces, structure.faces);
-  auto texture = decode_wedges(*raw, asset_.base_count, map, faces);
+  auto texture = decode_uvs(*raw, asset_.base_count, map, faces);
   if (!texture) return texture.error();
   texture->image = std::move(*image);
   return std::make_shared<const AssetTexture>(std::move(*texture));

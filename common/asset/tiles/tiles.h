@@ -93,11 +93,11 @@ std::vector<std::array<std::uint8_t, 3>> decode_colours(ByteView raw,
                                                         std::span<const std::uint32_t> map);
 
 /// The texture of an asset without its image. REQUIRES: valid.
-Bytes encode_wedges(const AssetTexture& texture, const Asset& asset);
+Bytes encode_uvs(const AssetTexture& texture, const Asset& asset);
 
 /// The other way round, without the image. Safe on hostile input. Errors: kCorrupt.
 ///   base_count, map, faces   of the finished asset
-Result<AssetTexture> decode_wedges(ByteView raw, std::uint32_t base_count, const std::vector<std::uint32_t>& map,
-                                   const std::vector<Corners>& faces);
+Result<AssetTexture> decode_uvs(ByteView raw, std::uint32_t base_count, const std::vector<std::uint32_t>& map,
+                                const std::vector<Corners>& faces);
 
 }  // namespace eigencast

@@ -102,6 +102,7 @@ typedef struct ec_bake_options {
   ec_progress progress;            /**< (default: none) */
   void* user;                      /**< Handed to `progress`. */
   const ec_appearance* appearance; /**< Colours and texture (default: none). */
+  const char* solver;              /**< "lanczos" or "spectra", which is for small surfaces (default: "lanczos"). */
 } ec_bake_options;
 
 typedef struct ec_asset_info {
@@ -218,6 +219,8 @@ typedef struct ec_subscriber_options {
       certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
   const char* key_file; /**< PEM file of its private key. */
   int insecure;         /**< Not 0: the broker's certificate is not checked; for trying out only. */
+  uint64_t max_memory_bytes; /**< What the surface and its texture may take (default: with all other subscribers of the
+                                process, three quarters of the machine's). */
 } ec_subscriber_options;
 
 typedef struct ec_subscriber_stats {
@@ -230,6 +233,7 @@ typedef struct ec_subscriber_stats {
   uint64_t reconnects;
   int64_t latency_p50_us; /**< Capture to arrival; meaningful for a sender on this machine. */
   int64_t latency_p99_us;
+  int64_t retry_in_us; /**< Until the next try to connect; 0: none is planned. */
 } ec_subscriber_stats;
 
 /** A rebuilt surface. The arrays belong to the subscriber and stay until the next call on it. */

@@ -52,6 +52,7 @@ struct BakeOptions {
   std::optional<std::string> cache_dir = {};               ///< Empty text: nowhere (default: the user's cache folder).
   std::function<bool(double, const char*)> progress = {};  ///< Fraction and stage; return false to cancel.
   std::optional<Appearance> appearance = {};               ///< Colours and texture.
+  std::string solver = "lanczos";                          ///< or "spectra", for small surfaces
 };
 
 /// A surface that can be streamed. Cheap to copy: copies share it. Thread-safe: immutable.
@@ -66,6 +67,7 @@ class Asset {
     c_options.basis = options.basis.c_str();
     c_options.rank = options.rank;
     c_options.name = options.name.c_str();
+    c_options.solver = options.solver.c_str();
     c_options.cache_dir = options.cache_dir ? options.cache_dir->c_str() : nullptr;
     if (options.progress) {
       c_options.progress = [](void* user, double fraction, const char* stage) {
@@ -204,10 +206,12 @@ class Publisher {
 class Subscriber {
  public:
   /// cache_dir: where downloaded assets are kept; empty text: nowhere; nothing: the user's cache folder.
+  /// max_memory_bytes: see ec_subscriber_options.
   explicit Subscriber(const std::string& url, const std::optional<std::string>& cache_dir = {},
-                      const Access& access = {})
+                      const Access& access = {}, std::uint64_t max_memory_bytes = 0)
       : subscriber_(nullptr, ec_subscriber_release) {
     auto c_options = EC_INIT(ec_subscriber_options);
+    c_options.max_memory_bytes = max_memory_bytes;
     c_options.cache_dir = cache_dir ? cache_dir->c_str() : nullptr;
     access.give_to(c_options);
     ec_subscriber* subscriber = nullptr;

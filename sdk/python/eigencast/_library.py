@@ -54,7 +54,7 @@ class Appearance(Sized):
 
 class BakeOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("basis", c_char_p), ("rank", c_uint32), ("name", c_char_p), ("cache_dir", c_char_p),
-                ("progress", PROGRESS), ("user", c_void_p), ("appearance", POINTER(Appearance))]
+                ("progress", PROGRESS), ("user", c_void_p), ("appearance", POINTER(Appearance)), ("solver", c_char_p)]
 
 
 class AssetInfo(Sized):
@@ -80,12 +80,13 @@ class PublisherStats(Sized):
 
 class SubscriberOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("cache_dir", c_char_p), ("token", c_char_p), ("ca_file", c_char_p),
-                ("certificate_file", c_char_p), ("key_file", c_char_p), ("insecure", c_int)]
+                ("certificate_file", c_char_p), ("key_file", c_char_p), ("insecure", c_int), ("max_memory_bytes", c_uint64)]
 
 
 class SubscriberStats(Sized):
     _fields_ = [("struct_size", c_size_t), ("live", c_int), ("keys", c_uint64), ("interpolated", c_uint64), ("bytes_received", c_uint64),
-                ("missed", c_uint64), ("reconnects", c_uint64), ("latency_p50_us", c_int64), ("latency_p99_us", c_int64)]
+                ("missed", c_uint64), ("reconnects", c_uint64), ("latency_p50_us", c_int64), ("latency_p99_us", c_int64),
+                ("retry_in_us", c_int64)]
 
 
 class Surface(Sized):

@@ -83,12 +83,13 @@ def _checked(what, values, shape, dtype):
 
 
 def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_dir=None, progress=None, vertex_colours=None, image=None,
-         corner_uv=None, vertex_uv=None):
+         corner_uv=None, vertex_uv=None, solver="lanczos"):
     """Bakes a surface: seconds for tens of thousands of vertices, nothing when it is in the cache.
 
       positions  (n, 3)
       faces      (F, 3) vertex numbers, counter-clockwise from outside; None or empty: a point cloud
       basis      "augmented" or "harmonic"
+      solver     "lanczos", or "spectra" for small surfaces
       cache_dir  where results are kept and found again; "" for nowhere (default: the user's cache folder)
       progress   called with a fraction and a stage; what it raises ends the bake and is raised again
       vertex_colours  (n, 3) of 0..255, sRGB
@@ -126,7 +127,7 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
             raised.append(error)
             return 1
 
-    options = _library.BakeOptions(basis=_text(basis), rank=rank, name=_text(name), cache_dir=_text(cache_dir))
+    options = _library.BakeOptions(basis=_text(basis), rank=rank, name=_text(name), cache_dir=_text(cache_dir), solver=_text(solver))
     options.appearance = ctypes.pointer(appearance)
     if progress is not None:
         options.progress = _library.PROGRESS(on_progress)
@@ -254,6 +255,7 @@ class SubscriberStats:
     reconnects: int
     latency_p50_us: int
     latency_p99_us: int
+    retry_in_us: int
 
 
 class Subscriber(_Object):
@@ -262,11 +264,13 @@ class Subscriber(_Object):
       detail     fraction of the vertices to rebuild, 0..1
       max_vertices  instead: at most so many, but no fewer than the coarsest level of detail has
       cache_dir  where downloaded assets are kept; "" for nowhere (default: the user's cache folder)
+      max_memory_bytes  what the surface may take (default: with all others of the process, three quarters of the machine's)
     """
     _release = staticmethod(LIBRARY.ec_subscriber_release)
 
-    def __init__(self, url, *, detail=1.0, max_vertices=None, cache_dir=None, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
-        options = _library.SubscriberOptions(cache_dir=_text(cache_dir),
+    def __init__(self, url, *, detail=1.0, max_vertices=None, cache_dir=None, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False,
+                 max_memory_bytes=0):
+        options = _library.SubscriberOptions(cache_dir=_text(cache_dir), max_memory_bytes=max_memory_bytes,
                                              **_access(token, ca_file, certificate_file, key_file, insecure))
         handle = ctypes.c_void_p()
         check(LIBRARY.ec_subscriber_create(_text(url), ctypes.byref(options), ctypes.byref(handle)))

@@ -8,13 +8,16 @@
 #define AT(type, member, offset) _Static_assert(offsetof(type, member) == (offset), #type "." #member " has moved")
 AT(ec_bake_options, user, 48);
 AT(ec_bake_options, appearance, 56);
+AT(ec_bake_options, solver, 64);
 AT(ec_appearance, vertex_uv, 40);
 AT(ec_asset_info, from_cache, 88);
 AT(ec_publisher_options, velocities, 88);
 AT(ec_publisher_stats, reconnects, 40);
 AT(ec_pose, capture_us, 32);
 AT(ec_subscriber_options, insecure, 48);
+AT(ec_subscriber_options, max_memory_bytes, 56);
 AT(ec_subscriber_stats, latency_p99_us, 64);
+AT(ec_subscriber_stats, retry_in_us, 72);
 AT(ec_surface, velocities, 80);
 AT(ec_surface, image_size, 112);
 

@@ -92,10 +92,10 @@ TEST(Texture, UvsLieOnAGrid) {
 /// Any bytes are refused in words or a texture that is sound.
 TEST(Texture, DamagedBytesAreRefusedOrHarmless) {
   const Asset asset = textured_asset(1);
-  const Bytes good = encode_wedges(*asset.texture, asset);
+  const Bytes good = encode_uvs(*asset.texture, asset);
   int refused = 0;
   const auto try_bytes = [&](const Bytes& raw) {
-    auto decoded = decode_wedges(raw, asset.base_count, asset.map, asset.faces);
+    auto decoded = decode_uvs(raw, asset.base_count, asset.map, asset.faces);
     if (!decoded) {
       EXPECT_FALSE(decoded.error().message.empty());
       ++refused;

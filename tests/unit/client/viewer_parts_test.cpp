@@ -146,7 +146,7 @@ TEST(Settings, RoundTripAndIgnoreNonsense) {
   EXPECT_EQ(back->smoothness, 0.25);
   ASSERT_EQ(back->recent.size(), Settings::kMaxRecent);
   EXPECT_EQ(back->recent.front(), "ws://h/7") << "once, in front";
-  std::ofstream(path) << R"({"width": -3, "height": "x", "look": {"edges": 7, "colour_map": "jet"}, "recent": [1, "a"],
+  std::ofstream(path) << R"({"width": -3, "height": "x", "style": {"edges": 7, "colour_map": "jet"}, "recent": [1, "a"],
              "resolver": "best", "motion": 3, "smoothness": 7})";
   const auto odd = Settings::load(path);
   ASSERT_TRUE(odd);

@@ -118,7 +118,7 @@ TEST(Script, ErrorsNameTheField) {
       {R"({"moves": [{"move": "twist", "axis": "y", "keys": [{"at": 1, "degrees": 0}, {"at": 1, "degrees": 0}]}]})",
        "key 1"},
       {R"({"moves": [{"move": "translate", "handles": [99], "keys": [{"at": 0, "by": [0, 0, 0]}]}]})", "\"handles\""},
-      {R"({"moves": [{"move": "place", "keys": [{"at": 0, "positions": [[0, 0, 0]]}]}]})", "\"positions\""},
+      {R"({"moves": [{"move": "position", "keys": [{"at": 0, "positions": [[0, 0, 0]]}]}]})", "\"positions\""},
       {R"({"moves": [{"move": "translate", "keys": [{"at": 0, "by": [0, 0, 1e999]}]}]})", ""},
       {R"({"moves": 3})", "\"moves\""},
       {R"({"moves": [3]})", "move 0"},

@@ -17,7 +17,7 @@ TimeUs us(const StagedPose& pose, Stage stage) {
 control::Trace senders(std::uint64_t sequence, TimeUs capture, TimeUs offset_found) {
   control::Trace t;
   t.sequence = sequence;
-  t.stages = {{"begun", capture + 10}, {"transformed", capture + 510}, {"sent", capture + 600}};
+  t.stages = {{"started", capture + 10}, {"transformed", capture + 510}, {"sent", capture + 600}};
   t.broker_clock = {offset_found, 40};
   return t;
 }
@@ -26,8 +26,8 @@ control::Trace brokers(std::uint64_t sequence, std::uint8_t step, TimeUs arrived
   control::Trace t;
   t.sequence = sequence;
   t.step = step;
-  t.stages = {{"arrived", arrived + kBrokerAhead}, {"left", left + kBrokerAhead}};
-  if (due != 0) t.stages.emplace_back("due", due + kBrokerAhead);
+  t.stages = {{"arrived", arrived + kBrokerAhead}, {"written", left + kBrokerAhead}};
+  if (due != 0) t.stages.emplace_back("scheduled", due + kBrokerAhead);
   return t;
 }
 

@@ -83,7 +83,7 @@ TEST_F(RecordingTest, RecordsRoundTrip) {
   EXPECT_EQ(reader->info().start.software, "test 1.0");
   EXPECT_EQ(reader->info().start.started_unix_us, 1'700'000'000'000'000u);
   EXPECT_EQ(reader->info().frames, 30u);
-  EXPECT_EQ(reader->info().lost, 7u);
+  EXPECT_EQ(reader->info().dropped, 7u);
   EXPECT_EQ(reader->info().duration_us, 2'950'000);
   EXPECT_EQ(reader->info().torn_bytes, 0u);
   const auto records = all_of(*reader);

@@ -35,7 +35,7 @@ TEST_F(ClaimsTest, ReplacedSenderAtAnotherBrokerIsDismissed) {
   publish(second, b());
   pass(200'000);
   EXPECT_TRUE(first.replaced);
-  EXPECT_EQ(a().backbone->totals().senders_dismissed, 1U);
+  EXPECT_EQ(a().backbone->totals().senders_evicted, 1U);
   EXPECT_EQ(b().backbone->totals().claims_refused, 0U);
   send(second);
   for (const FakeReceiver* viewer : {&at_a, &at_b}) {

@@ -66,7 +66,7 @@ TEST_F(LoopsTest, ViewersOfAllLoopsSeeOneStream) {
   EXPECT_EQ(wait_for_count(*publisher, 9), 9u);
   EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"subscribers\":9"));
   for (const char* thread : {"0", "1", "2"}) {
-    EXPECT_GE(metric("eigencast_broker_thread_connections{thread=\"" + std::string(thread) + "\"}"), 3) << thread;
+    EXPECT_GE(metric("eigencast_broker_loop_connections{loop=\"" + std::string(thread) + "\"}"), 3) << thread;
   }
   ASSERT_EQ(admin("/api/recordings/start?stream=a", "POST"), "{}\n");
   FakeSender motion;
@@ -94,7 +94,7 @@ TEST_F(LoopsTest, ViewersOfAllLoopsSeeOneStream) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
     recordings = facts("/api/recordings")["recordings"];
   }
-  EXPECT_EQ(recordings[0]["frames_lost"], 0);
+  EXPECT_EQ(recordings[0]["frames_dropped"], 0);
   EXPECT_GE(recordings[0]["frames"], 19) << "the first may be the checkpoint alone";
 
   auto late = viewer();

@@ -9,9 +9,9 @@ namespace {
 class LadderTest : public ::testing::Test {
  protected:
   /// Passes one second with these counts.
-  std::optional<Ladder::Step> second(std::uint64_t sent, std::uint64_t skipped, std::uint64_t joins = 0) {
+  std::optional<Ladder::Step> second(std::uint64_t sent, std::uint64_t dropped, std::uint64_t joins = 0) {
     counts_.sent += sent;
-    counts_.skipped += skipped;
+    counts_.dropped += dropped;
     counts_.joins += joins;
     return ladder_.check(counts_, 4);
   }

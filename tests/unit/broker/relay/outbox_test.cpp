@@ -55,7 +55,7 @@ TEST_F(OutboxTest, JoinComesFirstThenKeys) {
     EXPECT_EQ(take(), s);
     EXPECT_EQ(take(), std::nullopt);
   }
-  EXPECT_EQ(outbox_.skipped_total(), 0u);
+  EXPECT_EQ(outbox_.dropped_total(), 0u);
   EXPECT_EQ(outbox_.joins_total(), 1u);
 }
 
@@ -74,9 +74,9 @@ TEST_F(OutboxTest, LatestFrameWinsAndJoinHealsGap) {
   EXPECT_EQ(take(), std::nullopt) << "the join holds key 100";
   offer_key(101);
   EXPECT_EQ(take(), 101);
-  EXPECT_EQ(outbox_.skipped_total(), 98u);
-  ASSERT_EQ(outbox_.take_skipped().size(), 1u);
-  EXPECT_TRUE(outbox_.take_skipped().empty());
+  EXPECT_EQ(outbox_.dropped_total(), 98u);
+  ASSERT_EQ(outbox_.take_dropped().size(), 1u);
+  EXPECT_TRUE(outbox_.take_dropped().empty());
 }
 
 TEST_F(OutboxTest, SkippedSyntheticNeedsNoJoin) {
@@ -88,7 +88,7 @@ TEST_F(OutboxTest, SkippedSyntheticNeedsNoJoin) {
   offer_key(2);
   EXPECT_EQ(take(), 2);
   EXPECT_EQ(outbox_.joins_total(), 1u);
-  EXPECT_EQ(outbox_.skipped_total(), 1u);
+  EXPECT_EQ(outbox_.dropped_total(), 1u);
 }
 
 TEST_F(OutboxTest, PoseDoesNotDisplaceItsKey) {
@@ -101,7 +101,7 @@ TEST_F(OutboxTest, PoseDoesNotDisplaceItsKey) {
   EXPECT_EQ(take(), 3);
   EXPECT_EQ(take(), std::nullopt);
   EXPECT_EQ(outbox_.joins_total(), 1u);
-  EXPECT_EQ(outbox_.skipped_total(), 1u);
+  EXPECT_EQ(outbox_.dropped_total(), 1u);
 }
 
 TEST_F(OutboxTest, ShownKeyReplacesOlderPose) {
@@ -111,7 +111,7 @@ TEST_F(OutboxTest, ShownKeyReplacesOlderPose) {
   offer_key(2);
   EXPECT_EQ(take(), 2);
   EXPECT_EQ(take(), std::nullopt);
-  EXPECT_EQ(outbox_.skipped_total(), 1u);
+  EXPECT_EQ(outbox_.dropped_total(), 1u);
 }
 
 TEST_F(OutboxTest, LastStepAndNextKeyDoNotCompete) {
@@ -136,7 +136,7 @@ TEST_F(OutboxTest, LastStepAndNextKeyDoNotCompete) {
   EXPECT_EQ(take(), 10);
   EXPECT_EQ(take(), std::nullopt);
   EXPECT_EQ(outbox_.joins_total(), 1u);
-  EXPECT_EQ(outbox_.skipped_total(), 1u);
+  EXPECT_EQ(outbox_.dropped_total(), 1u);
 }
 
 TEST_F(OutboxTest, JoinAfterMissedKeyPrecedesPose) {

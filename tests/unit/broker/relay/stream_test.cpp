@@ -145,7 +145,7 @@ TEST_F(StreamTest, TracesReachRequestersWithBrokerStreamId) {
   control::Trace sent;
   sent.stream_id = 99;
   sent.sequence = 5;
-  sent.stages = {{"begun", 12}};
+  sent.stages = {{"started", 12}};
   stream_.relay_trace(sent);
   ASSERT_EQ(requests.traces.size(), 1u);
   EXPECT_EQ(trace_from(requests.traces[0]).stream_id, 7u);
@@ -189,11 +189,11 @@ TEST_F(StreamTest, BrokerStagesAreReportedAfterWrite) {
     EXPECT_EQ(trace.sequence % 2, 0u);
     ASSERT_GE(trace.stages.size(), 2u);
     EXPECT_EQ(trace.stages.front().first, control::stage::kArrived);
-    EXPECT_EQ(trace.stages.back().first, control::stage::kLeft);
+    EXPECT_EQ(trace.stages.back().first, control::stage::kWritten);
     EXPECT_EQ(trace.stages.front().second, 1'000'000 + static_cast<TimeUs>(trace.sequence) * kInterval);
     if (trace.stages.size() < 3) continue;
     ++held;
-    EXPECT_EQ(trace.stages[1].first, control::stage::kDue);
+    EXPECT_EQ(trace.stages[1].first, control::stage::kScheduled);
     EXPECT_LE(trace.stages[1].second, trace.stages[2].second);
   }
   EXPECT_GT(held, 2);

@@ -123,7 +123,7 @@ TEST_F(RecorderTest, RecordsEveryKeyWithCheckpoints) {
   ASSERT_TRUE(reader);
   EXPECT_TRUE(reader->info().complete);
   EXPECT_EQ(reader->info().start.stream, "lab/horse");
-  EXPECT_EQ(reader->info().lost, 0u);
+  EXPECT_EQ(reader->info().dropped, 0u);
   const auto all = decode(*reader);
   ASSERT_EQ(all.size(), 100u);
   EXPECT_EQ(all.front(), 40u);
@@ -167,17 +167,17 @@ TEST_F(RecorderTest, SlowDiskDropsAndBridgesFrames) {
   announce();
   ASSERT_TRUE(recorder_->start("lab/horse"));
   send(500);
-  const std::uint64_t lost = recorder_->totals().lost;
-  EXPECT_GT(lost, 300u) << "the queue is bounded";
+  const std::uint64_t dropped = recorder_->totals().dropped;
+  EXPECT_GT(dropped, 300u) << "the queue is bounded";
   ASSERT_TRUE(eventually([&] { return recorder_->totals().queued_bytes == 0; }));
   send(3);
   ASSERT_TRUE(recorder_->stop("lab/horse"));
   end();
   auto reader = recording::Reader::open(files().at(0));
   ASSERT_TRUE(reader);
-  EXPECT_EQ(reader->info().lost, lost);
+  EXPECT_EQ(reader->info().dropped, dropped);
   const auto all = decode(*reader);
-  EXPECT_EQ(all.size() + lost, 503u) << "and all that was taken can be decoded";
+  EXPECT_EQ(all.size() + dropped, 503u) << "and all that was taken can be decoded";
 }
 
 TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {

@@ -6,7 +6,7 @@
 namespace eigencast {
 namespace {
 
-Error corrupt_wedges(std::string what) {
+Error corrupt_uvs(std::string what) {
   return fail(ErrorCode::kCorrupt, "texture: " + std::move(what));
 }
 
@@ -23,16 +23,16 @@ Result<void> read_rows(ByteReader& in, std::uint32_t W, std::uint32_t base_count
   for (std::size_t i = 0; i < map.size(); ++i) {
     const std::uint64_t count = in.varint();
     if (count > W - t.first_wedge.back())
-      return corrupt_wedges("row " + std::to_string(i) + " has more wedges than there are");
+      return corrupt_uvs("row " + std::to_string(i) + " has more wedges than there are");
     t.first_wedge.push_back(t.first_wedge.back() + static_cast<std::uint32_t>(count));
   }
-  if (t.first_wedge.back() != W) return corrupt_wedges("there are wedges of no row");
+  if (t.first_wedge.back() != W) return corrupt_uvs("there are wedges of no row");
   t.parent.reserve(W);
   for (std::uint32_t i = 0; i < map.size(); ++i) {
     const std::uint32_t first = t.first_wedge[map[i]], count = t.first_wedge[map[i] + 1] - first;
     for (std::uint32_t w = t.first_wedge[i]; w < t.first_wedge[i + 1]; ++w) {
       const std::uint64_t number = i < base_count ? w - first : in.varint();
-      if (number >= count) return corrupt_wedges("wedge " + std::to_string(w) + " has a parent that is not there");
+      if (number >= count) return corrupt_uvs("wedge " + std::to_string(w) + " has a parent that is not there");
       t.parent.push_back(first + static_cast<std::uint32_t>(number));
     }
   }
@@ -46,7 +46,7 @@ Result<void> read_corners(ByteReader& in, std::span<const Corners> faces, AssetT
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint32_t first = t.first_wedge[faces[f][k]], count = t.first_wedge[faces[f][k] + 1] - first;
       const std::uint64_t number = count > 1 ? in.varint() : 0;
-      if (number >= count) return corrupt_wedges("face " + std::to_string(f) + " has a corner without a wedge");
+      if (number >= count) return corrupt_uvs("face " + std::to_string(f) + " has a corner without a wedge");
       wedges[k] = first + static_cast<std::uint32_t>(number);
     }
     t.corners.push_back(wedges);
@@ -56,7 +56,7 @@ Result<void> read_corners(ByteReader& in, std::span<const Corners> faces, AssetT
 
 }  // namespace
 
-Bytes encode_wedges(const AssetTexture& t, const Asset& asset) {
+Bytes encode_uvs(const AssetTexture& t, const Asset& asset) {
   Bytes raw;
   ByteWriter out(raw);
   for (const float value : {t.low[0], t.low[1], t.high[0], t.high[1]}) out.f32(value);
@@ -87,18 +87,18 @@ Bytes encode_wedges(const AssetTexture& t, const Asset& asset) {
   return raw;
 }
 
-Result<AssetTexture> decode_wedges(ByteView raw, std::uint32_t base_count, const std::vector<std::uint32_t>& map,
-                                   const std::vector<Corners>& faces) {
+Result<AssetTexture> decode_uvs(ByteView raw, std::uint32_t base_count, const std::vector<std::uint32_t>& map,
+                                const std::vector<Corners>& faces) {
   AssetTexture t;
   ByteReader in(raw);
   for (float* value : {&t.low[0], &t.low[1], &t.high[0], &t.high[1]}) *value = in.f32();
   const std::uint32_t W = in.u32();
   if (in.failed() || W == 0 || W > raw.size() / 4 || map.size() > raw.size())
-    return corrupt_wedges("its bytes do not fit its counts");
-  if (!t.has_finite_box()) return corrupt_wedges("the box of its coordinates is not finite or inside out");
+    return corrupt_uvs("its bytes do not fit its counts");
+  if (!t.has_finite_box()) return corrupt_uvs("the box of its coordinates is not finite or inside out");
   if (auto rows = read_rows(in, W, base_count, map, t); !rows) return rows.error();
   if (auto corners = read_corners(in, faces, t); !corners) return corners.error();
-  if (in.failed() || in.remaining() != 4 * std::size_t{W}) return corrupt_wedges("its bytes do not fit its counts");
+  if (in.failed() || in.remaining() != 4 * std::size_t{W}) return corrupt_uvs("its bytes do not fit its counts");
   const ByteView planes = in.bytes(in.remaining());
   t.uvs.resize(W);
   for (std::uint32_t w = 0; w < W; ++w) {
