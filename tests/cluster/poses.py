@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Frames whose poses say who sent them: float32 coefficients, of which the first row is the number of the stream, that of the
-announcement, and the sequence of the pose."""
+"""Frames whose poses carry a tag: float32 coefficients, of which the first row is the number of the stream, that of the announcement, and
+the sequence of the pose."""
 import pathlib
 import struct
 import sys
@@ -23,7 +23,7 @@ class Pose(typing.NamedTuple):
     epoch: int
     sequence: int
     capture: int
-    said: tuple  # (stream, announcement, position), or None
+    tag: tuple  # (stream, announcement, position), or None
 
 
 def after_varint(data, at):
@@ -33,10 +33,10 @@ def after_varint(data, at):
 
 
 def parse(message, channels):
-    """`channels` of a float32 stream whose poses say who they are; 0: of another."""
+    """`channels` of a stream whose poses carry tags; 0: of another."""
     first, bands, step, of_stream, epoch, sequence, capture = ENVELOPE.unpack_from(message)
     kind = first & 7
-    said = None
+    tag = None
     if channels and bands & 1 and len(message) > ENVELOPE.size:
         at = ENVELOPE.size + 2
         skipped = 0
@@ -45,8 +45,8 @@ def parse(message, channels):
             at = after_varint(message, at + 2)
         at = after_varint(message, at) + skipped
         stream, announcement, position = struct.unpack_from("<3f", message, at)
-        said = (round(stream, 3), round(announcement, 3), position)
-    return Pose(kind, bool(first & 8), step >> 4, step & 15, of_stream, epoch, sequence, capture, said)
+        tag = (round(stream, 3), round(announcement, 3), position)
+    return Pose(kind, bool(first & 8), step >> 4, step & 15, of_stream, epoch, sequence, capture, tag)
 
 
 def frame(kind, stream, announcement, sequence, capture, rate, velocities):

@@ -44,9 +44,9 @@ def records_of(data):
 
 
 def read(data, channels_of):
-    """stream, whole (it has its end), said (for each announcement the set of (stream, announcement) that its poses carry), frames, why (what
+    """stream, whole (it has its end), tags (for each announcement the set of (stream, announcement) that its poses carry), frames, why (what
     is wrong, or ""). `channels_of`: of a stream's name, as poses.parse() takes them."""
-    result = {"stream": "", "whole": False, "said": [], "frames": 0, "why": ""}
+    result = {"stream": "", "whole": False, "tags": [], "frames": 0, "why": ""}
 
     def wrong(why):
         result["why"] = why
@@ -63,7 +63,7 @@ def read(data, channels_of):
     for at, kind, _, body in records[1:]:
         if kind == ANNOUNCE:
             announced, newest = json.loads(body), None
-            result["said"].append(set())
+            result["tags"].append(set())
         elif kind in (FRAME, CHECKPOINT):
             if announced is None:
                 return wrong(f"byte {at}: a frame without an announcement")
@@ -80,8 +80,8 @@ def read(data, channels_of):
             result["frames"] += kind == FRAME
             if kind == CHECKPOINT:
                 checkpoints.add(at)
-            if pose.said:
-                result["said"][-1].add(pose.said[:2])
+            if pose.tag:
+                result["tags"][-1].add(pose.tag[:2])
         elif kind == INDEX:
             indexed = at
         elif kind == END:

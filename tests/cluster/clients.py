@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Senders, viewers and slow links of one asyncio loop, on sockets of any host's network. They report what happens as events (judge.py)."""
+"""Senders and viewers in one asyncio loop, on sockets of any host's network, and links that can be slow. They record what happens as events
+(history.py)."""
 import asyncio
 import base64
+import contextlib
 import hashlib
 import itertools
 import json
@@ -14,8 +16,9 @@ import poses
 from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, frame
 
 PORT = 7490
-PATIENCE_S = 4.0  # Without a byte for so long a peer connects anew.
+PATIENCE_S = 4.0  # Without a byte for so long a client connects anew.
 CONNECT_S = 2.0
+RETRY_S = 0.2
 
 
 class Gone(Exception):
@@ -103,8 +106,13 @@ class WebSocket:
                 raise Gone("told to go")
             await self.more()
 
+    def close(self):
+        with contextlib.suppress(OSError):
+            self.sock.send(frame(CLOSE, struct.pack(">H", 1000)))
+            self.sock.shutdown(socket.SHUT_WR)
+
     def abort(self):
-        """Without a word."""
+        """By a reset."""
         try:
             self.sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         except OSError:
@@ -112,14 +120,15 @@ class WebSocket:
         self.sock.close()
 
 
-class Peer:
+class Client:
     """Connects, does its work, and when that ends connects again, for ever: see once()."""
 
-    def __init__(self, world, host, brokers):
-        self.world, self.host, self.brokers = world, host, brokers
+    def __init__(self, cluster, host, brokers):
+        self.cluster, self.host, self.brokers = cluster, host, brokers
         self.web = self.dropped = None
+        self.away_s = RETRY_S
         self.task = asyncio.get_running_loop().create_task(self.run())
-        self.task.add_done_callback(world.note_end)
+        self.task.add_done_callback(cluster.on_task_ended)
 
     async def run(self):
         for turn in itertools.count():
@@ -127,15 +136,17 @@ class Peer:
             try:
                 self.dropped = asyncio.get_running_loop().create_future()
                 await self.once(broker)
-            except (OSError, Gone, asyncio.IncompleteReadError) as error:
-                self.why = f"{broker.name}: {error or type(error).__name__}"
+            except (OSError, Gone, asyncio.IncompleteReadError):
+                pass
             finally:
                 if self.web is not None:
                     self.web.abort()
-            await asyncio.sleep(0.2)
+            away_s, self.away_s = self.away_s, RETRY_S
+            await asyncio.sleep(away_s)
 
-    def drop(self):
-        """Leaves without a word, and comes back."""
+    def drop(self, away_s=RETRY_S):
+        """Resets its connection, and comes back."""
+        self.away_s = max(away_s, RETRY_S)
         if self.dropped is not None and not self.dropped.done():
             self.dropped.set_result(None)
 
@@ -166,15 +177,24 @@ class Peer:
         await asyncio.gather(self.task, return_exceptions=True)
 
 
-class Sender(Peer):
-    """Sends one stream of poses that say who they are (poses.py), to the first broker that takes it."""
+class Sender(Client):
+    """Sends one stream of poses with tags (poses.py), to the first broker that takes it."""
 
-    def __init__(self, world, host, brokers, stream, number, velocities, rate):
+    def __init__(self, cluster, host, brokers, stream, number, velocities, rate):
         self.stream, self.number, self.velocities, self.rate = stream, number, velocities, rate
-        self.paused_until, self.resume = 0.0, ""
+        self.paused_until, self.resume = 0.0, ""  # Times of the steady clock.
         self.body = f"the surface of sender {number}, of which the broker knows nothing".encode()
         self.asset = hashlib.sha256(self.body).hexdigest()
-        super().__init__(world, host, brokers)
+        super().__init__(cluster, host, brokers)
+
+    def pause(self, seconds):
+        self.paused_until = time.monotonic() + seconds
+
+    def move(self):
+        """Closes its connection, and goes on at the next broker."""
+        if self.web is not None:
+            self.web.close()
+        self.drop()
 
     async def upload(self, broker):
         host, address, port = broker.reached_from(self)
@@ -194,48 +214,48 @@ class Sender(Peer):
     async def once(self, broker):
         await self.upload(broker)
         await self.reach(broker, f"/v1/publish/{self.stream}")
-        said = next(self.world.announcements)
+        announcement = next(self.cluster.announcements)
         granted = asyncio.get_running_loop().create_future()
         await self.web.send({"op": "announce", "asset": self.asset, "format": poses.form(self.velocities), "key_rate_hz": self.rate,
                              "resume": self.resume})
-        await self.both(self.listen(broker, said, granted), self.play(said, granted), self.pings())
+        await self.both(self.listen(broker, announcement, granted), self.play(announcement, granted), self.pings())
 
-    async def listen(self, broker, said, granted):
+    async def listen(self, broker, announcement, granted):
         async for messages in self.web.messages():
             for opcode, payload in messages:
                 message = json.loads(payload) if opcode == TEXT else {}
                 if message.get("op") == "announced":
-                    self.world.note("announced", stream=self.stream, epoch=message["epoch"], broker=broker.name, said=said)
+                    self.cluster.record("announced", stream=self.stream, epoch=message["epoch"], broker=broker.name, announcement=announcement)
                     self.resume = message.get("resume", "")
                     granted.set_result(None)
                 elif message.get("op") == "error":
                     raise Gone(f"{message['code']}: {message['message']}")
 
-    async def play(self, said, granted):
+    async def play(self, announcement, granted):
         await granted
         began = time.monotonic()
         for sequence in itertools.count():
             kind = poses.KEY if sequence else poses.JOIN
-            await self.web.send(poses.frame(kind, self.number, said, sequence, monotonic_us(), self.rate, self.velocities))
+            await self.web.send(poses.frame(kind, self.number, announcement, sequence, monotonic_us(), self.rate, self.velocities))
             due = began + (sequence + 1) / self.rate
             if due < time.monotonic() - 0.2:  # Behind: goes on from now.
                 began = time.monotonic() - (sequence + 1) / self.rate
             await asyncio.sleep(max(due - time.monotonic(), self.paused_until - time.monotonic(), 0))
 
 
-class Viewer(Peer):
+class Viewer(Client):
     """Watches one stream in one profile."""
 
-    def __init__(self, world, host, brokers, name, stream, number, channels, profile, acknowledges, by_relay):
+    def __init__(self, cluster, host, brokers, name, stream, number, channels, profile, acknowledges, by_relay):
         self.name, self.stream, self.number, self.channels, self.profile = name, stream, number, channels, profile
         self.acknowledges, self.by_relay = acknowledges, by_relay
-        world.note("viewer", viewer=name, stream=stream, number=number)
-        super().__init__(world, host, brokers)
+        cluster.record("viewer", viewer=name, stream=stream, number=number)
+        super().__init__(cluster, host, brokers)
 
     async def once(self, broker):
         await self.reach(broker, f"/v1/subscribe/{self.stream}?{self.profile}")
         self.newest = None
-        await self.both(self.watch(), self.pings(), *([self.acks()] if self.acknowledges else []))
+        await self.both(self.watch(broker), self.pings(), *([self.acks()] if self.acknowledges else []))
 
     async def acks(self):
         while True:
@@ -244,28 +264,28 @@ class Viewer(Peer):
                 id_, sequence, step = self.newest
                 await self.web.send({"op": "ack", "items": [{"stream_id": id_, "sequence": sequence, "step": step}], "time_us": monotonic_us()})
 
-    async def watch(self):
-        note, viewer = self.world.note, self.name
+    async def watch(self, broker):
+        record, viewer = self.cluster.record, self.name
         async for messages in self.web.messages():
             for opcode, payload in messages:
                 if opcode == BINARY:
                     pose = poses.parse(payload, self.channels)
                     self.newest = (pose.id, pose.sequence, pose.at << 4 | pose.of)
-                    note("frame", viewer=viewer, kind=pose.kind, id=pose.id, epoch=pose.epoch, sequence=pose.sequence, at=pose.at, of=pose.of,
-                         ahead=pose.ahead, capture=pose.capture, said=pose.said)
+                    record("frame", viewer=viewer, kind=pose.kind, id=pose.id, epoch=pose.epoch, sequence=pose.sequence, at=pose.at, of=pose.of,
+                         ahead=pose.ahead, capture=pose.capture, tag=pose.tag)
                     continue
                 message = json.loads(payload) if opcode == TEXT else {}
                 if message.get("op") == "welcome":
-                    note("link", viewer=viewer, stream=self.stream, number=self.number, run=message["session_id"])
+                    record("connected", viewer=viewer, stream=self.stream, number=self.number, broker=broker.name, run=message["session_id"])
                 elif message.get("op") == "stream":
                     self.newest = None
-                    note("state", viewer=viewer, stream=message["stream"], id=message["stream_id"], epoch=message["epoch"],
+                    record("state", viewer=viewer, stream=message["stream"], id=message["stream_id"], epoch=message["epoch"],
                          profile=message.get("profile", {}), state=message["state"])
 
 
 class Relay:
     """A link through this process: passes all at once, little and late, or nothing. The kernel has no such link everywhere."""
-    MOST_QUEUED = 1 << 18
+    MAX_QUEUED = 1 << 18
 
     def __init__(self, host, port, target):
         self.target = target  # host, address, port
@@ -278,6 +298,10 @@ class Relay:
         self.listener = listener
         self.ends = set()
         self.task = asyncio.get_running_loop().create_task(self.run())
+
+    def set_pace(self, delay_s, bytes_per_s):
+        """0: no limit."""
+        self.delay_s, self.bytes_per_s = delay_s, bytes_per_s
 
     async def run(self):
         loop = asyncio.get_running_loop()
@@ -323,7 +347,7 @@ class Relay:
                 await self.open.wait()
                 await loop.sock_sendall(sink, data)
                 waiting -= len(data)
-                if waiting < self.MOST_QUEUED:
+                if waiting < self.MAX_QUEUED:
                     room.set()
         me, writer = asyncio.current_task(), loop.create_task(write())
         end_with = lambda _: me.cancel()
@@ -334,7 +358,7 @@ class Relay:
                 free_at = max(free_at, now) + (len(data) / self.bytes_per_s if self.bytes_per_s else 0)
                 queue.put_nowait((free_at + self.delay_s, data))
                 waiting += len(data)
-                if waiting >= self.MOST_QUEUED:
+                if waiting >= self.MAX_QUEUED:
                     room.clear()
                     await room.wait()
         except OSError:
@@ -343,9 +367,3 @@ class Relay:
             writer.remove_done_callback(end_with)
             writer.cancel()
             await asyncio.gather(writer, return_exceptions=True)
-
-    def end(self):
-        self.task.cancel()
-        for task in list(self.ends):
-            task.cancel()
-        self.listener.close()
