@@ -12,6 +12,8 @@ constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 /// Retry delay after another broker changed the row first: its change is on its way.
 constexpr TimeUs kOvertakenUs = 50'000;
 constexpr TimeUs kForgetEveryUs = 10'000'000;
+/// What heartbeats say.
+constexpr char kAlive = '+', kStopped = '-', kAsksForRows = '?';
 
 std::string text_from_message(ByteView bytes) {
   return {bytes.begin(), bytes.end()};
@@ -52,8 +54,9 @@ void Backbone::start(Hub& hub) {
   const std::string alive = settings_.prefix + ".alive.";
   const auto heard = [this, alive](const std::string& subject, const Bytes& message) {
     const std::string broker = subject.substr(alive.size());
-    if (message == Bytes{'-'}) return directory_.note_stopped(broker);
+    if (message == Bytes{kStopped}) return directory_.note_stopped(broker);
     directory_.note_heartbeat(broker, environment_.now_us());
+    rows_asked_ = rows_asked_ || (message == Bytes{kAsksForRows} && broker != settings_.id);
   };
   listening_ = {link_.subscribe(alive + ">", heard),
                 link_.serve(settings_.prefix + ".joins." + settings_.id,
@@ -67,7 +70,7 @@ void Backbone::stop() {
     own.entry.live = false;
     write(name, own.entry);
   }
-  link_.publish(settings_.prefix + ".alive." + settings_.id, {'-'});
+  link_.publish(settings_.prefix + ".alive." + settings_.id, {kStopped});
   link_.stop();
   assets_.stop();
   listening_.clear();
@@ -79,16 +82,30 @@ void Backbone::stop() {
 
 void Backbone::tick() {
   if (hub_ == nullptr) return;
-  send_heartbeat();
+  send_heartbeat(table_read_ ? kAlive : kAsksForRows);
+  tell_rows();
   reconcile();
 }
 
-void Backbone::send_heartbeat() {
+void Backbone::send_heartbeat(char text) {
   const TimeUs now = environment_.now_us();
   if (!connected_ || now < next_heartbeat_us_) return;
-  const bool has_streams = !own_.empty() || !claims_.empty();
-  next_heartbeat_us_ = now + settings_.heartbeat_every_us * (has_streams ? 1 : directory_.heartbeat_periods());
-  link_.publish(settings_.prefix + ".alive." + settings_.id, {'+'});
+  const bool each_time = !own_.empty() || !claims_.empty() || !table_read_;
+  next_heartbeat_us_ = now + settings_.heartbeat_every_us * (each_time ? 1 : directory_.heartbeat_periods());
+  link_.publish(settings_.prefix + ".alive." + settings_.id, {static_cast<std::uint8_t>(text)});
+}
+
+/// Brokers that start or return while the table does not answer learn the streams from their owners.
+void Backbone::tell_rows() {
+  const TimeUs now = environment_.now_us();
+  if (!rows_asked_ || !connected_ || now < next_rows_us_) return;
+  rows_asked_ = false;
+  next_rows_us_ = now + settings_.heartbeat_every_us;
+  for (const auto& [name, own] : own_) {
+    const Directory::Known* known = directory_.find(name);
+    const bool written = known != nullptr && known->entry == own.entry;
+    if (written) link_.publish_row(token_from_stream(name), text_from_entry(*known->entry), known->revision);
+  }
 }
 
 void Backbone::on_connected() {
@@ -97,7 +114,7 @@ void Backbone::on_connected() {
   last_error_.clear();
   next_heartbeat_us_ = 0;
   directory_.restart_listening(environment_.now_us());
-  send_heartbeat();
+  send_heartbeat(kAlive);
 }
 
 void Backbone::on_disconnected(const std::string& why) {
@@ -199,7 +216,7 @@ void Backbone::claim(const std::string& stream, const control::Announce& announc
                      Granted granted) {
   claims_[stream] = {announce, resume, std::move(granted), environment_.now_us()};
   next_heartbeat_us_ = 0;  // Other brokers must know that this one is alive before they see the claim.
-  send_heartbeat();
+  send_heartbeat(kAlive);
   try_claim(stream);
 }
 

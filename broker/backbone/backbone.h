@@ -89,7 +89,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
              std::function<void(const Result<std::uint64_t>&)> written = {});
   bool may_write(const std::string& name) const;
   void answer_join(ByteView request, const Link::Reply& reply);
-  void send_heartbeat();
+  void send_heartbeat(char text);
+  void tell_rows();
 
   const Settings settings_;
   Link& link_;
@@ -106,7 +107,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows being written, or the time of their next try.
   std::vector<std::shared_ptr<void>> listening_;
   bool settled_ = false;  ///< The directory matches the local streams; reset by changes of either.
-  TimeUs next_heartbeat_us_ = 0, next_forget_us_ = 0;
+  bool rows_asked_ = false;  ///< By a broker that cannot read the table.
+  TimeUs next_heartbeat_us_ = 0, next_forget_us_ = 0, next_rows_us_ = 0;
 };
 
 }  // namespace eigencast::broker

@@ -69,10 +69,11 @@ void Following::stop_unwanted(const Directory& directory, bool complete) {
   std::vector<std::string> over;
   for (const auto& [name, remote] : remotes_) {
     const DirectoryEntry* holder = directory.live(name, now);
-    const bool same = holder != nullptr && holder->owner == remote->entry.owner && holder->epoch == remote->entry.epoch;
+    const bool moved =
+        holder == nullptr ? complete : holder->owner != remote->entry.owner || holder->epoch != remote->entry.epoch;
     if (remote->stream != nullptr && remote->stream->watchers() > 0) remote->watched_us = now;
     const bool wanted = now - remote->watched_us < settings_.linger_us;
-    if (remote->stream == nullptr || !wanted || (complete && !same)) over.push_back(name);
+    if (remote->stream == nullptr || !wanted || moved) over.push_back(name);
   }
   for (const std::string& name : over) unfollow(name);
 }

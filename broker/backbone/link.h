@@ -58,6 +58,8 @@ class Link {
   /// revision. Errors: kRefused (another revision), kUnreachable (the table does not answer).
   virtual void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
                          std::function<void(const Result<std::uint64_t>&)> written) = 0;
+  /// Tells the other brokers of a row of the table as this broker knows it, whether or not the table answers.
+  virtual void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) = 0;
 };
 
 }  // namespace eigencast::broker

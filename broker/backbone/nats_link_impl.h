@@ -59,6 +59,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) override;
   void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
                  std::function<void(const Result<std::uint64_t>&)> written) override;
+  void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) override;
 
  private:
   struct Outgoing {
@@ -107,7 +108,6 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   bool report_new_table(jsCtx& js);
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
                                   std::uint64_t expected);
-  void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
   /// On the loop. Lost changes are found when the table is read again.
   void take_row(const std::string& from, ByteView message);
 

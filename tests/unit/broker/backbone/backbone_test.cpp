@@ -134,6 +134,45 @@ TEST_F(BackboneTest, UnansweringTableIsBypassed) {
   EXPECT_EQ(b().backbone->totals().streams_known, 1U) << "told as soon as it can be";
 }
 
+TEST_F(BackboneTest, ABrokerThatStartsWithoutTheTableLearnsStreams) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  pass(1'000'000);
+  network.table_answers = false;
+  add_site("c");
+  FakeReceiver& viewer = new_viewer();
+  watch(*sites[2], viewer);
+  pass(2'000'000);
+  send(sender);
+  ASSERT_FALSE(viewer.infos.empty());
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_FALSE(viewer.poses.empty());
+}
+
+TEST_F(BackboneTest, ABrokerThatReturnsWithoutTheTableLearnsOfNewSenders) {
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  add_site("c");
+  publish(first, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(1'000'000);
+  ASSERT_EQ(viewer.infos.back().epoch, 1U);
+  b().link.cut();
+  pass(100'000);
+  first.leave();
+  pass(100'000);
+  publish(second, *sites[2]);
+  ASSERT_EQ(**second.granted, 2U);
+  pass(1'000'000);
+  network.table_answers = false;
+  b().link.connect();
+  pass(2'000'000);
+  send(second);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_EQ(viewer.infos.back().epoch, 2U);
+}
+
 TEST_F(BackboneTest, LostTableIsRewritten) {
   publish(new_sender(), a(), "other");  // The revision of the entry of s is not that of the first of a new table.
   SiteSender& sender = new_sender();

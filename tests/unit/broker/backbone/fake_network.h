@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "broker/backbone/directory.h"
 #include "broker/backbone/link.h"
 
 namespace eigencast::broker::testing {
@@ -59,6 +60,7 @@ class FakeLink final : public Link {
     connected_ = true;
     network_.later([this] {
       listener_->on_connected();
+      if (!network_.table_answers) return;
       if (std::exchange(table_, network_.tables) != network_.tables) listener_->on_new_table();
       for (const auto& [key, row] : network_.table) listener_->on_row(key, row.text, row.revision, {});
       listener_->on_table_read();
@@ -124,6 +126,15 @@ class FakeLink final : public Link {
       }
       written(row.revision);
     });
+  }
+  void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) override {
+    const std::string from = text ? entry_from_text(*text).value().owner : std::string();
+    for (FakeLink* link : network_.links) {
+      if (link == this || !connected_) continue;
+      network_.later([link, key, text, revision, from] {
+        if (link->connected_ && link->listener_ != nullptr) link->listener_->on_row(key, text, revision, from);
+      });
+    }
   }
 
  private:
