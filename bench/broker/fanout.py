@@ -63,7 +63,7 @@ def tail(tools, repeat):
 
 
 def gathered(tools, repeat):
-    servers = [BARE] + [("broker", {"sockets_writes": "epoll", "frames_gather_ms": ms}) for ms in (0, 8)] + [URING]
+    servers = [BARE] + [("broker", {"sockets_writes": "epoll", "frames_gather_ms": ms}) for ms in (0, 8, 16)] + [URING]
     compare(tools, servers, repeat, ["cpu_s_per_1M", "p50_ms", "p99_ms", "loss_pct"],
             subscribers=200, rate_hz=30, seconds=4, streams=8, several=True)
 
