@@ -177,7 +177,7 @@ AssetFetcher::AssetFetcher(std::string cache_dir, std::function<void()> wake, Lo
     : cache_(std::move(cache_dir)), wake_(std::move(wake)), log_(std::move(log)) {}
 
 AssetFetcher::~AssetFetcher() {
-  leave();
+  detach();
 }
 
 void AssetFetcher::use(const BrokerUrl& broker) {
@@ -185,7 +185,7 @@ void AssetFetcher::use(const BrokerUrl& broker) {
   auto worker = workers.get(broker, [](Worker&) { return true; });
   if (worker == worker_) return;
   const std::uint64_t order = order_;
-  leave();
+  detach();
   worker_ = std::move(worker);
   std::unique_lock lock(worker_->mutex_);
   order_ = order;  // What has come of an object is kept.
@@ -197,7 +197,7 @@ void AssetFetcher::use(const BrokerUrl& broker) {
 }
 
 /// Afterwards no thread of a worker uses this.
-void AssetFetcher::leave() {
+void AssetFetcher::detach() {
   if (!worker_) return;
   std::unique_lock lock(worker_->mutex_);
   worker_->fetchers_.remove(this);

@@ -48,7 +48,7 @@ class AssetFetcher final {
 
  private:
   class Worker;
-  void leave();
+  void detach();
   bool is_waiting() const;
 
   const AssetCache cache_;

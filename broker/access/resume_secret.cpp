@@ -12,10 +12,7 @@ Result<std::string> new_resume_secret() {
 }
 
 std::string resume_proof(std::string_view secret, std::string_view token) {
-  const auto hash = [](std::string_view text) {
-    return sha256({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}).hex();
-  };
-  return hash(hash(secret) + std::string(token));
+  return sha256(sha256(secret).hex() + std::string(token)).hex();
 }
 
 }  // namespace eigencast::broker

@@ -116,12 +116,8 @@ Result<TokenFile> TokenFile::from_file(const std::string& path) {
 }
 
 const StaticToken* TokenFile::find(std::string_view token) const {
-  const auto found = tokens_.find(hash_of(token));
+  const auto found = tokens_.find(sha256(token));
   return found == tokens_.end() ? nullptr : &found->second;
-}
-
-Sha256 TokenFile::hash_of(std::string_view token) {
-  return sha256({reinterpret_cast<const std::uint8_t*>(token.data()), token.size()});
 }
 
 bool TokenFile::has(const Sha256& hash, const Rights& rights) const {
@@ -151,7 +147,7 @@ Result<NewStaticToken> create_static_token(const std::string& name, const std::v
   if (!random) return random.error();
   NewStaticToken made;
   made.token = std::string(kMark) + random->hex();
-  made.line = name + " " + std::string(kHash) + TokenFile::hash_of(made.token).hex();
+  made.line = name + " " + std::string(kHash) + sha256(made.token).hex();
   if (!publish.empty()) made.line += " pub=" + joined(publish);
   if (!subscribe.empty()) made.line += " sub=" + joined(subscribe);
   if (admin) made.line += " admin";

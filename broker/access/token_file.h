@@ -32,7 +32,6 @@ class TokenFile {
   static Result<TokenFile> from_file(const std::string& path);
 
   const StaticToken* find(std::string_view token) const;  ///< Null: no such token.
-  static Sha256 hash_of(std::string_view token);
   /// A token with exactly these rights.
   bool has(const Sha256& hash, const Rights& rights) const;
   std::size_t size() const { return tokens_.size(); }

@@ -211,7 +211,7 @@ TEST_F(Fault, ClockJumpsDisturbNothing) {
 }
 
 std::string hash_of(const std::string& object) {
-  return sha256(ByteView(reinterpret_cast<const std::uint8_t*>(object.data()), object.size())).hex();
+  return sha256(object).hex();
 }
 
 TEST_F(Fault, AnInterruptedUploadLeavesNothing) {

@@ -44,6 +44,10 @@ Sha256 sha256(ByteView data) {
   return stream.finish();
 }
 
+Sha256 sha256(std::string_view text) {
+  return sha256(ByteView(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+}
+
 Sha256Stream::Sha256Stream()
     : context_(EVP_MD_CTX_new(), [](void* context) { EVP_MD_CTX_free(static_cast<EVP_MD_CTX*>(context)); }) {
   if (!context_ || EVP_DigestInit_ex(context_from(context_.get()), EVP_sha256(), nullptr) != 1) throw std::bad_alloc();

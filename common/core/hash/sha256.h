@@ -25,6 +25,7 @@ struct Sha256 {
 };
 
 Sha256 sha256(ByteView data);
+Sha256 sha256(std::string_view text);
 
 /// Digests data that comes in parts. Not thread-safe.
 class Sha256Stream {

@@ -139,7 +139,7 @@ std::optional<std::string> Wire::read_all() {
 }
 
 std::string name_of_asset(const std::string& content) {
-  return sha256(ByteView(reinterpret_cast<const std::uint8_t*>(content.data()), content.size())).hex();
+  return sha256(content).hex();
 }
 
 Answer http_request(std::uint16_t port, const std::string& method, const std::string& target, const std::string& body,
