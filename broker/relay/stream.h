@@ -192,6 +192,7 @@ class Stream {
   std::uint32_t watchers() const { return share_->watchers.load(std::memory_order_relaxed); }
   std::uint32_t watchers_here() const { return static_cast<std::uint32_t>(watched_.size()); }
   bool has_publisher() const { return publisher_ != nullptr; }
+  const StreamHolder& holder() const { return holder_; }  ///< Without key: of no sender here.
   std::uint64_t keys_received() const { return keys_received_; }
   std::uint64_t frames_made() const { return frames_made_; }
   /// Poses that no feed could encode.

@@ -124,18 +124,49 @@ AssetStore::Holder& AssetStore::holder(std::string_view name) {
   return holders_.emplace(std::string(name), Holder{std::string(name)}).first->second;
 }
 
+std::uint64_t AssetStore::share_of(std::uint64_t all) const {
+  return all / 100 * settings_.max_share_percent + all % 100 * settings_.max_share_percent / 100;
+}
+
+double AssetStore::load(const std::string& name) const {
+  const auto found = holders_.find(name);
+  if (found == holders_.end()) return 0;
+  const auto part = [](std::uint64_t of, std::uint64_t all) {
+    return static_cast<double>(of) / static_cast<double>(all);
+  };
+  return std::max(part(found->second.bytes, settings_.max_total_bytes),
+                  part(found->second.objects, settings_.max_objects));
+}
+
 void AssetStore::charge(Holder& holder, std::int64_t bytes, int objects) {
-  holder.bytes += static_cast<std::uint64_t>(bytes);
-  holder.objects += static_cast<std::uint64_t>(objects);
   total_bytes_ += static_cast<std::uint64_t>(bytes);
   objects_ += static_cast<std::uint64_t>(objects);
-  const auto share_of = [&](std::uint64_t all) {
-    return all / 100 * settings_.max_share_percent + all % 100 * settings_.max_share_percent / 100;
-  };
+  count(holder, bytes, objects);
+}
+
+void AssetStore::count(Holder& holder, std::int64_t bytes, int objects) {
+  holder.bytes += static_cast<std::uint64_t>(bytes);
+  holder.objects += static_cast<std::uint64_t>(objects);
   const bool over = !holder.name.empty() && (holder.bytes > share_of(settings_.max_total_bytes) ||
                                              holder.objects > share_of(settings_.max_objects));
   over ? (void)over_.insert(&holder) : (void)over_.erase(&holder);
   if (holder.objects == 0) holders_.erase(holders_.find(holder.name));
+}
+
+bool AssetStore::pass_on(Entry& entry, TimeUs now_us) {
+  if (entry.user.empty() || now_us - entry.user_us > settings_.min_idle_us) return false;
+  const auto bytes = static_cast<std::int64_t>(charge_of(entry.size));
+  Holder& from = *entry.holder;
+  Holder& to = holder(entry.user);
+  count(to, bytes, 1);
+  const bool fits = !over_.contains(&to);
+  if (fits) {
+    entry.user.clear();
+    entry.holder = &to;
+    to.order.splice(to.order.end(), from.order, entry.held);
+  }
+  count(fits ? from : to, -bytes, -1);
+  return fits;
 }
 
 void AssetStore::insert(const Sha256& id, Entry entry) {
@@ -201,17 +232,17 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   return Object{std::move(file), static_cast<std::uint64_t>(status.st_size)};
 }
 
-void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& asset) {
+void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& asset, std::string_view holder) {
   const std::lock_guard lock(mutex_);
   if (asset) {
-    used_by_stream_.insert_or_assign(std::string(stream), *asset);
+    used_by_stream_.insert_or_assign(std::string(stream), Used{*asset, std::string(holder)});
   } else if (const auto found = used_by_stream_.find(stream); found != used_by_stream_.end()) {
     used_by_stream_.erase(found);
   }
 }
 
 void AssetStore::on_announced(const Stream& stream) {
-  set_used(stream.name(), Sha256::from_hex(stream.asset()));
+  set_used(stream.name(), Sha256::from_hex(stream.asset()), stream.holder().key);
 }
 
 void AssetStore::on_forgotten(const Stream& stream) {
@@ -266,17 +297,42 @@ void AssetStore::make_room(const Holder& wanting) {
 }
 
 void AssetStore::use_needed(TimeUs now_us) {
-  std::vector<Sha256> due;
+  std::map<Sha256, Users> due;
   {
     const std::lock_guard lock(mutex_);
-    for (const auto& [stream, asset] : used_by_stream_) {
-      const auto entry = entries_.find(asset);
-      if (entry == entries_.end() || now_us - entry->second.searched_us < settings_.min_idle_us) continue;
-      // Several streams may use it.
-      if (std::exchange(entry->second.searched_us, now_us) != now_us) due.push_back(asset);
+    for (const auto& [stream, used] : used_by_stream_) {
+      auto known = due.find(used.asset);  // Several streams may use it.
+      if (known == due.end()) {
+        const auto entry = entries_.find(used.asset);
+        if (entry == entries_.end() || now_us - entry->second.searched_us < settings_.min_idle_us) continue;
+        entry->second.searched_us = now_us;
+        known = due.try_emplace(used.asset).first;
+      }
+      Users& users = known->second;
+      if (!used.holder.empty()) users.emplace(load(used.holder), used.holder);
+      if (users.size() > 2) users.erase(std::prev(users.end()));  // One may be the holder itself.
     }
   }
-  for (const Sha256& asset : due) (void)references_of(asset);
+  for (const auto& [asset, users] : due) {
+    auto used = references_of(asset);
+    if (!used || users.empty()) continue;
+    used->push_back(asset);
+    for (const Sha256& id : *used) note_users(id, users, now_us);
+  }
+}
+
+void AssetStore::note_users(const Sha256& id, const Users& users, TimeUs now_us) {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  if (found == entries_.end()) return;
+  Entry& entry = found->second;
+  const auto user =
+      std::find_if(users.begin(), users.end(), [&](const auto& one) { return one.second != entry.holder->name; });
+  if (user == users.end()) return;
+  const bool known = !entry.user.empty() && now_us - entry.user_us <= settings_.min_idle_us;
+  if (!known || load(entry.user) > user->first) entry.user = user->second;
+  if (entry.user == user->second) entry.user_us = now_us;
+  if (over_.contains(entry.holder)) (void)pass_on(entry, now_us);
 }
 
 bool AssetStore::evict_oldest(TimeUs now_us, const Holder& wanting) {
@@ -284,11 +340,12 @@ bool AssetStore::evict_oldest(TimeUs now_us, const Holder& wanting) {
   {
     const std::lock_guard lock(mutex_);
     const auto gives = [](const Holder* holder) { return !holder->order.empty(); };
-    const bool own = std::find(over_.begin(), over_.end(), &wanting) != over_.end();
+    const bool own = over_.contains(&wanting);
     const auto giver = own ? over_.end() : std::find_if(over_.begin(), over_.end(), gives);
     const auto& order = own ? wanting.order : giver != over_.end() ? (*giver)->order : order_;
     if (order.empty()) return false;
     const auto entry = entries_.find(order.front());
+    if ((own || giver != over_.end()) && pass_on(entry->second, now_us)) return true;
     if (giver == over_.end() && now_us - entry->second.used_us <= settings_.min_idle_us) return false;
     // Freeing a large file takes long and contains() waits for the lock: unlink after it.
     if (::rename(path_of(entry->first).c_str(), aside.c_str()) != 0 && errno != ENOENT) {

@@ -33,10 +33,12 @@ constexpr std::uint64_t charge_of(std::uint64_t bytes) {
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
 /// When an upload needs space, the least recently used objects that no stream uses are evicted; those of a holder
-/// beyond its share before all others, in use or not, unless it is the one who uploads. A stream uses the asset that it
-/// announced and every object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at worst too
-/// many (after Boehm and Weiser, "Garbage collection in an uncooperative environment", 1988). Each used asset is
-/// searched once per min_idle_us, which counts as a use of what it names; all else costs the same for any number.
+/// beyond its share before all others, in use or not, unless it is the one that uploads. What streams of others use is
+/// then charged to one of these instead, as long as its share has room: nobody loses what it uses because others stored
+/// too much, and nobody pays for what it neither stored nor uses. A stream uses the asset that it announced and every
+/// object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at worst too many (after Boehm
+/// and Weiser, "Garbage collection in an uncooperative environment", 1988). Each used asset is searched once per
+/// min_idle_us, which counts as a use of what it names; all else costs the same for any number.
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -51,7 +53,7 @@ class AssetStore final : public StreamTap {
     TimeUs min_idle_us = 60'000'000;
   };
 
-  /// Who stored objects.
+  /// A client that objects are charged to.
   struct Holder {
     std::string name;
     std::uint64_t bytes = 0, objects = 0;  ///< As charged, uploads under way included.
@@ -97,11 +99,12 @@ class AssetStore final : public StreamTap {
   bool contains(const Sha256& id) const;
   /// Errors: kNotFound, kIo.
   Result<Object> read(const Sha256& id) const;
-  /// `holder`: whom the object is charged to; empty: nobody. Errors: kIo (also a full store).
+  /// `holder`: the client that the object is charged to; empty: none. Errors: kIo (also a full store).
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id, std::string_view holder = {});
 
-  /// Protects the asset that `stream` uses and its objects from eviction. Nothing: the stream is removed.
-  void set_used(std::string_view stream, const std::optional<Sha256>& asset);
+  /// Protects the asset that `stream` of `holder` (empty: none) uses and its objects from eviction. Nothing: the stream
+  /// is removed.
+  void set_used(std::string_view stream, const std::optional<Sha256>& asset, std::string_view holder = {});
   void on_announced(const Stream& stream) override;
   void on_key(const Stream&, const KeyRecordPtr&) override {}
   void on_stalled(const Stream&) override {}
@@ -126,8 +129,15 @@ class AssetStore final : public StreamTap {
     TimeUs touched_us = 0;  ///< Last update of the file's times.
     TimeUs searched_us = std::numeric_limits<TimeUs>::min() / 2;  ///< Last search for its references.
     Holder* holder = nullptr;
+    std::string user{};  ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
+    TimeUs user_us = 0;  ///< When that was found.
     std::list<Sha256>::iterator order{}, held{};  ///< In order_, and in the holder's.
   };
+  struct Used {
+    Sha256 asset;
+    std::string holder;
+  };
+  using Users = std::set<std::pair<double, std::string>>;  ///< Names of holders, by load().
   /// Keyed: senders choose ids, and could choose them for one bucket.
   struct IdHash {
     std::size_t operator()(const Sha256& id) const;
@@ -141,10 +151,18 @@ class AssetStore final : public StreamTap {
   void make_room(const Holder& wanting);
   /// Counts what streams use as used.
   void use_needed(TimeUs now_us);
+  /// Streams of these use it; its holder passes it on if it is beyond its share.
+  void note_users(const Sha256& id, const Users& users, TimeUs now_us);
+  /// Charges it to its user instead. False: none is known by now, or its share has no room. REQUIRES: mutex_.
+  bool pass_on(Entry& entry, TimeUs now_us);
+  /// What part of the store a holder is charged for. REQUIRES: mutex_.
+  double load(const std::string& name) const;
+  std::uint64_t share_of(std::uint64_t all) const;
   bool evict_oldest(TimeUs now_us, const Holder& wanting);  ///< False: none is idle.
   Holder& holder(std::string_view name);                    ///< REQUIRES: mutex_, and that it is charged before others.
   /// Counts bytes and an object, or takes them back; then a holder of nothing is forgotten. REQUIRES: mutex_.
   void charge(Holder& holder, std::int64_t bytes, int objects);
+  void count(Holder& holder, std::int64_t bytes, int objects);  ///< The same without the totals.
   void insert(const Sha256& id, Entry entry);  ///< As the one used last. REQUIRES: mutex_, and that it is charged.
   void erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry);  ///< REQUIRES: mutex_.
   /// Makes a verified file an object. False: it existed; counts as a use.
@@ -158,9 +176,9 @@ class AssetStore final : public StreamTap {
   mutable std::mutex mutex_;
   mutable std::unordered_map<Sha256, Entry, IdHash> entries_;  // GUARDED_BY(mutex_)
   mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)
-  std::map<std::string, Sha256, std::less<>> used_by_stream_;  // GUARDED_BY(mutex_)
+  std::map<std::string, Used, std::less<>> used_by_stream_;    // GUARDED_BY(mutex_)
   std::map<std::string, Holder, std::less<>> holders_;         // GUARDED_BY(mutex_)
-  std::set<Holder*> over_;                                     ///< Beyond their share. GUARDED_BY(mutex_)
+  std::set<const Holder*, std::less<>> over_;                  ///< Beyond their share. GUARDED_BY(mutex_)
   std::mutex evicting_;                                        ///< Serialises make_room().
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};

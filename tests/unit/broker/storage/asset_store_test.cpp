@@ -42,6 +42,13 @@ class AssetStoreTest : public ::testing::Test {
     EXPECT_TRUE(!written || (*upload)->commit());
     return written ? std::optional(sha256(content)) : std::nullopt;
   }
+  /// A manifest of one chunk: their ids.
+  std::pair<Sha256, Sha256> put_asset(std::size_t chunk_bytes, const std::string& holder) const {
+    const Sha256 chunk = *put(Bytes(chunk_bytes, 200), holder);
+    Bytes list(17, 0xee);
+    ByteWriter(list).bytes(chunk.digest);
+    return {*put(list, holder), chunk};
+  }
   std::size_t files_left() const {
     std::size_t count = 0;
     for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets"))
@@ -249,6 +256,49 @@ TEST_F(AssetStoreTest, LoneHolderFillsTheStoreUntilOthersCome) {
   EXPECT_FALSE(under_way->write(Bytes(3 * kBlock, 102))) << "nobody else is beyond a share";
 }
 
+TEST_F(AssetStoreTest, UsersTakeOverWhatOthersStored) {
+  open({.max_total_bytes = kTenBlocks + 10 * 512, .min_idle_us = 0});
+  const auto [manifest, chunk] = put_asset(2 * kBlock, "first");
+  store_->set_used("a", manifest, "user");
+  EXPECT_FALSE(put(Bytes(9 * kBlock, 1), "first")) << "there is room only if what the user needs goes";
+  EXPECT_TRUE(store_->contains(manifest));
+  EXPECT_TRUE(store_->contains(chunk));
+  ASSERT_TRUE(put(Bytes(5 * kBlock, 2), "third"));
+  const Sha256 more = *put(Bytes(3 * kBlock, 3), "user");
+  ASSERT_TRUE(put(Bytes(kBlock, 4), "fourth"));
+  EXPECT_TRUE(store_->contains(sha256(Bytes(5 * kBlock, 2)))) << "though it was used before";
+  EXPECT_FALSE(store_->contains(more)) << "with what it took over the user is beyond its share";
+  EXPECT_TRUE(store_->contains(chunk));
+}
+
+TEST_F(AssetStoreTest, NobodyPaysForWhatOnlyOthersUse) {
+  open({.max_total_bytes = kTenBlocks + 10 * 512, .min_idle_us = 0});
+  const auto [manifest, chunk] = put_asset(4 * kBlock, "first");
+  const Sha256 own = *put(Bytes(kBlock, 1), "first");
+  store_->set_used("a", manifest, "user");
+  ASSERT_TRUE(put(Bytes(5 * kBlock, 2), "third"));
+  EXPECT_TRUE(store_->read(own));
+  ASSERT_TRUE(put(Bytes(kBlock, 3), "fourth"));
+  EXPECT_TRUE(store_->contains(own)) << "without what the user needs the first one is within its share";
+  EXPECT_TRUE(store_->contains(chunk));
+  EXPECT_FALSE(store_->contains(sha256(Bytes(5 * kBlock, 2)))) << "unused for longest";
+}
+
+TEST_F(AssetStoreTest, CrowdsDoNotKeepAnAssetFromItsUser) {
+  for (const std::string user : {"a user", "z user"}) {
+    open({.max_total_bytes = kTenBlocks + 10 * 512, .min_idle_us = 0});
+    const auto [manifest, chunk] = put_asset(kBlock, "first");
+    ASSERT_TRUE(put(Bytes(5 * kBlock, 1), "full"));
+    for (const std::string name : {"first", "full", "full"}) store_->set_used("crowd of " + name, manifest, name);
+    store_->set_used("b", manifest, user);
+    EXPECT_FALSE(put(Bytes(9 * kBlock, 2), "first"));
+    EXPECT_TRUE(store_->contains(manifest));
+    EXPECT_TRUE(store_->contains(chunk)) << user;
+    store_.reset();
+    fs::remove_all(folder_ + "/assets");
+  }
+}
+
 TEST_F(AssetStoreTest, SharesCountObjects) {
   open({.max_objects = 10, .min_idle_us = 0});
   const Sha256 kept = *put(Bytes(8, 100), "victim");
@@ -371,7 +421,7 @@ TEST_F(AssetStoreTest, LocksOfStrangersAreReplaced) {
   EXPECT_EQ(AssetStore::open(folder_, {}).error().code, ErrorCode::kRefused);
 }
 
-TEST_F(AssetStoreTest, AFolderThatTakesNoFilesServesWhatItHas) {
+TEST_F(AssetStoreTest, ReadOnlyFolderServesWhatItHas) {
   open();
   const Sha256 id = *put(kContent);
   store_.reset();
