@@ -73,7 +73,8 @@ bool UseCount::take(std::int64_t max, std::int64_t amount) {
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
-         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us);
+         listings.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
+         failures.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -225,9 +226,15 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
                 static_cast<double>(bytes), now_us));
 }
 
-Result<TimeUs> Grant::take_requests(double cost, TimeUs now_us, TimeUs max_wait_us) {
-  const Rate rate{"requests_per_s", &Account::requests, &Quota::requests_per_s, 1};
-  return take_rate(rate, holders_.back(), cost, now_us, max_wait_us);
+Result<TimeUs> Grant::take_request(double listing, TimeUs now_us, TimeUs max_wait_us) {
+  const auto take = [&](RateLimiter Account::*limiter, double cost) {
+    const Rate rate{"requests_per_s", limiter, &Quota::requests_per_s, 1};
+    return take_rate(rate, holders_.back(), cost, now_us, max_wait_us);
+  };
+  const auto list_wait_us = listing > 0 ? take(&Account::listings, listing) : Result<TimeUs>(0);
+  if (!list_wait_us) return list_wait_us;
+  const auto wait_us = take(&Account::requests, 1);
+  return wait_us ? Result<TimeUs>(std::max(*wait_us, *list_wait_us)) : wait_us;
 }
 
 Result<TimeUs> Grant::take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us) {

@@ -51,6 +51,7 @@ struct Account {
   UseCount unfinished_bytes;
   RateLimiter messages;
   RateLimiter requests;
+  RateLimiter listings;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
   RateLimiter failures;
@@ -109,8 +110,9 @@ class Grant {
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
-  /// HTTP requests of a cost. Returns how long their answer must wait, up to max_wait_us.
-  Result<TimeUs> take_requests(double cost, TimeUs now_us, TimeUs max_wait_us);
+  /// An HTTP request, and what a list costs beyond that: in requests, and as many of them again, so that lists delay
+  /// nothing else. Returns how long the answer must wait, up to max_wait_us.
+  Result<TimeUs> take_request(double listing, TimeUs now_us, TimeUs max_wait_us);
 
  private:
   friend class Gate;

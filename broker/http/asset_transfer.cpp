@@ -76,9 +76,9 @@ class Download : public std::enable_shared_from_this<Download> {
     end_ = whole ? object.size : wanted.last + 1;
     const std::uint64_t to_send = connection_->method() == "HEAD" ? 0 : end_ - at_;
     const auto held = store(held_, grant_.hold_bytes(std::min<std::uint64_t>(to_send, kChunkBytes)));
-    if (!held) return connection_->answer_denial({429, held.error().message, 1});
+    if (!held) return connection_->answer_limit(held.error().message);
     const auto taken = grant_.take_download(to_send, steady_now_us());
-    if (!taken) return connection_->answer_denial({429, taken.error().message, kRetryAfterS});
+    if (!taken) return connection_->answer_limit(taken.error().message, kRetryAfterS);
     if (!whole) {
       headers.emplace_back("Content-Range",
                            "bytes " + std::to_string(at_) + "-" + std::to_string(end_ - 1) + "/" + size);
@@ -281,11 +281,11 @@ void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                                    {{"Retry-After", "1"}});
   }
-  if (auto slot = grant.take(Resource::kUpload); !slot) return connection.answer_denial({429, slot.error().message, 1});
+  if (auto slot = grant.take(Resource::kUpload); !slot) return connection.answer_limit(slot.error().message);
   const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us());
   if (!taken) {
     grant.give_back(Resource::kUpload);
-    return connection.answer_denial({429, taken.error().message, kRetryAfterS});
+    return connection.answer_limit(taken.error().message, kRetryAfterS);
   }
   std::make_shared<Upload>(connection, grant)->start(id);
 }

@@ -162,7 +162,7 @@ void HttpConnection::read_more_head() {
 void HttpConnection::on_head_read(ErrorOf error) {
   if (error == http::error::buffer_overflow && !large_head_) {
     if (const auto held = store(large_head_, hold_bytes(kLargeHeadBytes)); !held) {
-      return answer_denial({429, held.error().message, 1});
+      return answer_limit(held.error().message);
     }
     wire_->buffer.max_size(kMaxReadBytes);
     return read_more_head();
@@ -216,7 +216,7 @@ void HttpConnection::refuse_method(const char* why, const char* allowed) {
 
 void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders headers) {
   auto held = hold_bytes(body.size());
-  if (!held) return answer_denial({429, held.error().message, 1});
+  if (!held) return answer_limit(held.error().message);
   const bool keep = can_keep_alive();
   const bool bodiless = status == HttpStatus::kNotModified || status == HttpStatus::kNoContent;
   const auto is_type = [](const auto& field) { return field.first == "Content-Type"; };

@@ -77,6 +77,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void answer(HttpStatus status, std::string body, HttpHeaders headers = {});
   void answer_error(HttpStatus status, const Error& error, HttpHeaders headers = {});
   void answer_denial(const Denial& denial);
+  /// 429: a limit is reached.
+  void answer_limit(const std::string& why, int retry_after_s = 1) { answer_denial({429, why, retry_after_s}); }
   void refuse_method(const char* why, const char* allowed);
 
   // For bodies that are sent or read piece by piece.

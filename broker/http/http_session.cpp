@@ -82,23 +82,27 @@ class HttpSession final : public HttpConnection {
 
   struct Task {
     std::function<void()> run;
-    double cost = 1;  ///< In ordinary requests.
+    bool admitted = false;
+    double listing = 0;  ///< Names to compare, in ordinary requests.
   };
 
   void on_head() override {
-    if (!grant_) return answer_denial({429, kTooManyConnections, 1});
+    if (!grant_) return answer_limit(kTooManyConnections);
     Task task = admitted();
     const TimeUs now_us = steady_now_us();
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
-    const TimeUs wait_us = *requests_.take(task.cost, per_s, per_s, now_us, kForeverUs);
-    const auto holder_wait_us = grant_->take_requests(task.cost, now_us, kMaxRequestWaitUs);
-    if (holder_wait_us) return later(std::max(wait_us, *holder_wait_us), std::move(task.run));
-    later(std::max(wait_us, kRefusalWaitUs), [this, why = holder_wait_us.error().message] {
-      answer_denial({429, why, kMaxRequestWaitS});
-    });
+    const TimeUs wait_us = *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs);
+    const auto holder_wait_us = grant_->take_request(task.listing, now_us, kMaxRequestWaitUs);
+    if (!holder_wait_us) {
+      return later(std::max(wait_us, kRefusalWaitUs),
+                   [this, why = holder_wait_us.error().message] { answer_limit(why, kMaxRequestWaitS); });
+    }
+    const TimeUs delay_us = std::max(wait_us, *holder_wait_us);
+    if (delay_us <= 0 || !task.admitted) return later(delay_us, std::move(task.run));
+    later(delay_us, [this] { admitted().run(); });  // By the rights of then: a token may end, a reload take them.
   }
 
-  /// What the request asks for, or its refusal; admits who asks.
+  /// What the request asks for, or its refusal; admits the client.
   Task admitted() {
     auto parsed = target_from_text(target(), context().config.proxy.path_prefix);
     if (!parsed) {
@@ -115,9 +119,9 @@ class HttpSession final : public HttpConnection {
     grant_ = std::move(std::get<GrantPtr>(admission));
     const auto taken = grant_->take(Resource::kConnection);
     if (!taken) return refused({429, taken.error().message, 1});
-    Task task{[this, target = *parsed] { serve(target); }};
+    Task task{[this, target = *parsed] { serve(target); }, true};
     if (parsed->kind == Target::Kind::kStreams) {
-      task.cost += static_cast<double>(context().hub.size() * (1 + grant_->patterns())) / kNamesPerRequest;
+      task.listing = static_cast<double>(context().hub.size() * (1 + grant_->patterns())) / kNamesPerRequest;
     }
     return task;
   }
@@ -222,7 +226,7 @@ class HttpSession final : public HttpConnection {
 
   void publish(const std::string& stream) {
     const auto taken = grant_->take(Resource::kPublisher);
-    if (!taken) return answer_denial({429, taken.error().message, 1});
+    if (!taken) return answer_limit(taken.error().message);
     disarm();
     std::string answer = upgrade_answer();
     std::make_shared<Publisher>(context(), std::move(transport()), std::move(grant_), stream)->start(std::move(answer));

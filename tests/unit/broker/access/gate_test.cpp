@@ -511,22 +511,34 @@ TEST(RateLimiterTest, NeverExceedsRateTimesTimePlusBurst) {
 TEST_F(GateTest, RequestsWaitAndAreThenRefused) {
   config_.per_token.requests_per_s = 10;
   const auto grant = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
-  const auto take = [&](double cost, TimeUs now_us) { return grant->take_requests(cost, now_us, 2 * kSecond); };
-  for (int i = 0; i < 10; ++i) EXPECT_EQ(take(1, kSecond).value(), 0) << "at once";
-  EXPECT_EQ(take(1, kSecond).value(), kSecond / 10);
-  EXPECT_EQ(take(9, kSecond).value(), kSecond);
-  EXPECT_EQ(take(10, kSecond).value(), 2 * kSecond);
-  const auto refused = take(1, kSecond);
+  const auto take = [&](TimeUs now_us) { return grant->take_request(0, now_us, 2 * kSecond); };
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(take(kSecond).value(), 0) << "at once";
+  for (int i = 1; i <= 20; ++i) EXPECT_EQ(take(kSecond).value(), i * kSecond / 10);
+  const auto refused = take(kSecond);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::kRefused);
   EXPECT_THAT(refused.error().message, HasSubstr("per_token.requests_per_s = 10"));
   const auto neighbour = let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})));
-  EXPECT_EQ(neighbour->take_requests(1, kSecond, 0).value(), 0) << "at the same address";
-  EXPECT_EQ(let_in(request_from("127.0.0.1"))->take_requests(1, kSecond, 0).value(), 0) << "others go on";
-  EXPECT_EQ(take(1, 4 * kSecond).value(), 0);
+  EXPECT_EQ(neighbour->take_request(0, kSecond, 0).value(), 0) << "at the same address";
+  EXPECT_EQ(let_in(request_from("127.0.0.1"))->take_request(0, kSecond, 0).value(), 0) << "others go on";
+  EXPECT_EQ(take(4 * kSecond).value(), 0);
 }
 
-TEST_F(GateTest, UnfinishedBytesAreLimitedPerHolderAndInAll) {
+TEST_F(GateTest, ListsDelayNoOtherRequests) {
+  config_.access.anonymous = "anywhere";
+  config_.per_address.requests_per_s = 10;
+  const auto flood = let_in(request_from("1.1.1.1")), neighbour = let_in(request_from("1.1.1.1"));
+  EXPECT_EQ(flood->take_request(1000, 0, 5 * kSecond).value(), 0);
+  const auto refused = flood->take_request(1000, 0, 5 * kSecond);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("per_address.requests_per_s = 10"));
+  for (int i = 0; i < 9; ++i) EXPECT_EQ(neighbour->take_request(0, 0, 0).value(), 0) << i;
+  EXPECT_FALSE(neighbour->take_request(1, 0, 5 * kSecond)) << "lists of an address wait for each other";
+  EXPECT_EQ(let_in(request_from("1.1.1.2"))->take_request(1, 0, 0).value(), 0);
+  EXPECT_EQ(flood->take_request(1000, 101 * kSecond, 5 * kSecond).value(), 0);
+}
+
+TEST_F(GateTest, UnfinishedBytesAreLimited) {
   config_.per_address.unfinished_bytes = 65'536;
   config_.per_token.unfinished_bytes = 70'000;
   config_.limits.max_unfinished_bytes = 400'000;
@@ -549,7 +561,7 @@ TEST_F(GateTest, UnfinishedBytesAreLimitedPerHolderAndInAll) {
   EXPECT_TRUE(a->hold_bytes(60'000));
 }
 
-TEST_F(GateTest, ManyHoldersOfUnfinishedBytesLeaveRoomForANewcomer) {
+TEST_F(GateTest, CrowdsLeaveUnfinishedBytesToNewcomers) {
   config_.limits.max_unfinished_bytes = 256 << 20;
   std::vector<std::shared_ptr<void>> held;
   for (int i = 0; i < 10; ++i) {
@@ -561,7 +573,7 @@ TEST_F(GateTest, ManyHoldersOfUnfinishedBytesLeaveRoomForANewcomer) {
   EXPECT_TRUE(sender->hold_bytes(1 << 20));
 }
 
-TEST(RateLimiterTest, WithAnEndlessBurstWhatIsTakenIsPaidLater) {
+TEST(RateLimiterTest, EndlessBurstIsPaidLater) {
   RateLimiter pace;
   constexpr double kEndless = std::numeric_limits<double>::infinity();
   EXPECT_EQ(pace.wait_us(0, 100, 100, kSecond), 0);
