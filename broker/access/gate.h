@@ -110,8 +110,8 @@ class Grant {
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
-  /// An HTTP request, and what a list costs beyond that: in requests, and as many of them again, so that lists delay
-  /// nothing else. Returns how long the answer must wait, up to max_wait_us.
+  /// An HTTP request, and what a list costs beyond one, in requests: lists have as many a second to themselves, so that
+  /// they delay nothing else. Returns how long the answer must wait, up to max_wait_us.
   Result<TimeUs> take_request(double listing, TimeUs now_us, TimeUs max_wait_us);
 
  private:

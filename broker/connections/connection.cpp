@@ -22,6 +22,15 @@ constexpr int kMaxReads = 4;
 // A client whose rights changed may reconnect at once.
 constexpr std::uint32_t kRightsRetryMs = 500;
 
+// Longer control messages count as several.
+constexpr std::size_t kBytesPerMessage = 256;
+
+// Fewer pauses cost less.
+constexpr TimeUs kMinPauseUs = 10'000;
+
+// Keys may come so far ahead of their rate: others wait for no longer.
+constexpr double kKeyBurstS = 0.05;
+
 /// What it makes the loop do, in messages of the cheapest kind.
 int weight_of(const ControlMessage& message) {
   if (std::holds_alternative<control::Announce>(message)) return 100;  // Every viewer is told, every chain begins anew.
@@ -87,7 +96,8 @@ void Connection::wait_to_read(Transport::Wait wait) {
       self->on_readable();
     });
   };
-  if (wait == Transport::Wait::kReadable && transport_.has_read_ahead()) {  // The socket does not signal it.
+  if (wait == Transport::Wait::kReadable &&
+      (!unread_.empty() || transport_.has_read_ahead())) {  // No socket signals it.
     return asio::post(context_.loop, [handler = std::move(handler)] { handler({}); });
   }
   // Exact memory: an idle connection waits for long, and a block that Asio recycles may be much larger.
@@ -96,26 +106,35 @@ void Connection::wait_to_read(Transport::Wait wait) {
 
 void Connection::on_readable() {
   for (int i = 0; i < kMaxReads; ++i) {
+    Bytes unread = std::exchange(unread_, {});
+    std::span<std::uint8_t> input = unread;
     const std::span<std::uint8_t> buffer = std::span(context_.read_buffer).first(read_bytes());
-    const Transport::Outcome outcome = transport_.read(buffer);
-    if (outcome.error) return close_now();
-    if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
+    if (unread.empty()) {
+      const Transport::Outcome outcome = transport_.read(buffer);
+      if (outcome.error) return close_now();
+      if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
+      input = buffer.first(outcome.bytes);
+    }
     last_input_us_ = context_.turn.now_us();
     pinged_ = false;
-    if (!take_input(buffer.first(outcome.bytes))) return;
+    if (!take_input(input)) return;
     if (is_backlogged() || is_paced()) {
       paused_ = true;
       return;
     }
-    if (!transport_.is_tls() && outcome.bytes < buffer.size()) break;
+    if (!transport_.is_tls() && unread.empty() && input.size() < buffer.size()) break;
   }
   wait_to_read(Transport::Wait::kReadable);
 }
 
 bool Connection::take_input(std::span<std::uint8_t> input) {
-  while (const auto event = reader_.next(input)) {
+  while (const auto event = reader_.next(input, last_input_us_)) {
     on_event(*event);
     if (ended_) return false;
+    if (!input.empty() && is_paced()) {
+      unread_.assign(input.begin(), input.end());
+      break;
+    }
   }
   count_unfinished();
   return true;
@@ -164,13 +183,25 @@ void Connection::charge(int control_messages) {
   (void)control_.take(control_messages, per_s, std::numeric_limits<double>::infinity(), context_.turn.now_us());
 }
 
+void Connection::charge_key(std::size_t coefficients) {
+  const auto per_s = static_cast<double>(context_.config.limits.coefficients_per_s);
+  (void)keys_.take(static_cast<double>(coefficients), per_s, std::numeric_limits<double>::infinity(),
+                   context_.turn.now_us());
+}
+
 bool Connection::is_paced() {
   if (closing_ || deadline_) return !closing_;
   const auto per_s = static_cast<double>(context_.config.limits.control_messages_per_s);
-  const TimeUs wait_us = control_.wait_us(0, per_s, per_s, context_.turn.now_us());
-  if (wait_us == 0) return false;
-  log(context_.log, LogLevel::kWarning, name() + ": read later, it is over limits.control_messages_per_s");
+  const auto keys_per_s = static_cast<double>(context_.config.limits.coefficients_per_s);
+  const TimeUs control_wait_us = control_.wait_us(0, per_s, per_s, context_.turn.now_us());
+  const TimeUs keys_wait_us = keys_.wait_us(0, keys_per_s, keys_per_s * kKeyBurstS, context_.turn.now_us());
+  if (control_wait_us == 0 && keys_wait_us == 0) return false;
+  const TimeUs wait_us = std::max({control_wait_us, keys_wait_us, kMinPauseUs});
+  log(context_.log, LogLevel::kWarning,
+      name() + ": read later, it is over limits." +
+          (control_wait_us >= keys_wait_us ? "control_messages_per_s" : "coefficients_per_s"));
   last_input_us_ = context_.turn.now_us() + wait_us;  // Its silence is not its own.
+  reader_.excuse(wait_us);
   deadline_ = std::make_unique<Timer>(context_.loop.get_executor());
   run_after(*deadline_, std::chrono::microseconds(wait_us), [self = shared_from_this()] {
     self->deadline_.reset();
@@ -200,16 +231,22 @@ void Connection::on_broken(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::count_unfinished() {
-  if (reader_.held_bytes() == unfinished_bytes_) return;
-  unfinished_bytes_ = reader_.held_bytes();
+  const std::size_t bytes = reader_.held_bytes() + unread_.size();
+  if (bytes == unfinished_bytes_) return;
+  unfinished_bytes_ = bytes;
   unfinished_.reset();
   const auto held = store(unfinished_, grant_->hold_bytes(unfinished_bytes_));
-  if (held) return;
+  if (!held) give_message_up(held.error());
+}
+
+void Connection::give_message_up(const Error& why) {
   reader_.stop();
+  Bytes().swap(unread_);
   unfinished_bytes_ = reader_.held_bytes();
+  unfinished_.reset();
   close_received_ = true;  // Later bytes cannot be parsed.
-  log(context_.log, LogLevel::kWarning, name() + ": closed, " + held.error().message);
-  refuse(held.error(), stream_name(), CloseCode::kTryAgainLater);
+  log(context_.log, LogLevel::kWarning, name() + ": closed, " + why.message);
+  refuse(why, stream_name(), CloseCode::kTryAgainLater);
 }
 
 void Connection::greet() {
@@ -298,6 +335,11 @@ void Connection::tick() {
             std::to_string(silent_us / 1'000'000) + " s (timeouts.idle_ms)");
     return close_later();
   }
+  if (reader_.behind_us(context_.turn.now_us()) > idle_us) {
+    return give_message_up(fail(ErrorCode::kTimeout,
+                                "a message came more slowly than 4,000 bytes a second, by more than "
+                                "timeouts.idle_ms: try a faster link, or smaller messages"));
+  }
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");
@@ -335,6 +377,7 @@ void Connection::ended() {
 
 void Connection::on_text(std::string_view text) {
   ++context_.counters.control_received;
+  charge(static_cast<int>(text.size() / kBytesPerMessage));
   const auto message = control_from_text(text);
   if (!message) return refuse_text(message.error());
   charge(weight_of(*message) - 1);

@@ -74,6 +74,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void send_error(const Error& error, const std::string& stream);
   /// Sends the error, then closes. Ignores further messages of the peer.
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
+  /// Counts what a key costs: beyond limits.coefficients_per_s the peer is read later.
+  void charge_key(std::size_t coefficients);
   /// Closes once all control messages are written, at the latest after timeouts.shutdown_ms.
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
 
@@ -100,6 +102,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void on_broken(const websocket::MessageReader::Event& event);
   /// Counts the memory of an unfinished message, and closes where it is too much.
   void count_unfinished();
+  /// Frees it, and closes.
+  void give_message_up(const Error& why);
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void fill_write_queue();
   void drop_written(std::size_t bytes);
@@ -132,12 +136,14 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   Outbox outbox_;
   GrantPtr grant_;
   websocket::MessageReader reader_;
-  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_.
+  Bytes unread_;                      ///< Was received, and waits while is_paced().
+  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_ and unread_.
   std::size_t unfinished_bytes_ = 0;
   std::size_t queued_bytes_ = 0;   ///< Size of write_queue_, the written part of its first item included.
   std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.
   std::string close_reason_;
   RateLimiter control_;
+  RateLimiter keys_;
   std::unique_ptr<Timer> deadline_;  ///< For closing; before that, while is_paced().
   ConnectionCount counted_;
   TimeUs last_input_us_ = 0;

@@ -139,6 +139,8 @@ void Publisher::on_binary(ByteView message) {
     log(context().log, LogLevel::kWarning, name() + ": closed, " + added.error().message);
     return refuse(added.error(), name_, websocket::CloseCode::kPolicy);
   }
+  // Once for the decoder, and once for each profile that may encode it.
+  charge_key(stream_->layout().size() * (1 + stream_->profile_count()));
   ++context().counters.frames_received;
   context().hub.mark_dirty(*stream_);
 }

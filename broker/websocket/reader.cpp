@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 namespace eigencast::broker::websocket {
 namespace {
@@ -79,7 +80,8 @@ bool Utf8Check::lead(std::uint8_t byte) {
   return true;
 }
 
-std::optional<MessageReader::Event> MessageReader::next(std::span<std::uint8_t>& input) {
+std::optional<MessageReader::Event> MessageReader::next(std::span<std::uint8_t>& input, TimeUs now_us) {
+  now_us_ = now_us;
   if (handed_on_) {
     handed_on_ = false;
     if (message_ == Opcode::kContinuation) Bytes().swap(kept_);
@@ -143,6 +145,8 @@ MessageReader::Failure MessageReader::open_frame() {
   if ((head_[0] & 0x0f) != 0) {
     message_ = static_cast<Opcode>(head_[0] & 0x0f);
     utf8_ = {};
+    pace_us_ = now_us_;
+    excused_ = false;
   }
   if (remaining_ > max_message_bytes() || kept_.size() > max_message_bytes() - remaining_)
     return failed(CloseCode::kTooBig, "a message over the limit");
@@ -159,6 +163,7 @@ std::optional<MessageReader::Event> MessageReader::take_payload(std::span<std::u
     if (remaining_ > 0 || !control_.empty()) control_.insert(control_.end(), piece.begin(), piece.end());
     return remaining_ > 0 ? std::nullopt : end_control(control_.empty() ? ByteView(piece) : ByteView(control_));
   }
+  pace_us_ = std::min(now_us_, pace_us_ + static_cast<TimeUs>(count) * kUsPerByte);
   if (message_ == Opcode::kText && !utf8_.add(piece)) return failed(CloseCode::kBadPayload, "a text that is not UTF-8");
   if (remaining_ > 0) {
     kept_.insert(kept_.end(), piece.begin(), piece.end());
@@ -205,8 +210,17 @@ MessageReader::Event MessageReader::close_event(ByteView payload) {
   return event;
 }
 
+TimeUs MessageReader::behind_us(TimeUs now_us) const {
+  return message_ == Opcode::kContinuation ? 0 : std::max<TimeUs>(0, now_us - pace_us_);
+}
+
+void MessageReader::excuse(TimeUs pause_us) {
+  if (!std::exchange(excused_, true)) pace_us_ += pause_us;
+}
+
 void MessageReader::stop() {
   ended_ = true;
+  message_ = Opcode::kContinuation;
   Bytes().swap(kept_);
 }
 

@@ -9,6 +9,7 @@
 
 #include "broker/websocket/protocol.h"
 #include "common/core/bytes.h"
+#include "common/core/clock.h"
 
 namespace eigencast::broker::websocket {
 
@@ -46,9 +47,15 @@ class MessageReader {
 
   explicit MessageReader(const Limits& limits) : limits_(limits) {}
 
-  /// Takes bytes off the front of `input`, unmasking them in place, up to the end of one event. Nothing: needs more
-  /// bytes. Discards everything after kClose and kFailed.
-  std::optional<Event> next(std::span<std::uint8_t>& input);
+  /// Takes bytes off the front of `input`, which came at `now_us`, unmasking them in place, up to the end of one event.
+  /// Nothing: needs more bytes. Discards everything after kClose and kFailed.
+  std::optional<Event> next(std::span<std::uint8_t>& input, TimeUs now_us);
+  /// How far an incomplete message is behind the pace of half a link of 64 kbit/s. Early bytes, empty fragments and
+  /// control frames in between count for nothing. 0: none is incomplete.
+  static constexpr TimeUs kUsPerByte = 250;
+  TimeUs behind_us(TimeUs now_us) const;
+  /// Reading pauses for so long, which is not the peer's fault: counts once for each message.
+  void excuse(TimeUs pause_us);
   /// Memory that an incomplete message takes; grows by no more than input does, or twofold.
   std::size_t held_bytes() const { return kept_.capacity() + control_.capacity(); }
   /// Frees that memory and discards all further input.
@@ -71,6 +78,8 @@ class MessageReader {
   Bytes kept_;     ///< The received part of an incomplete message.
   Bytes control_;  ///< The same for a control frame, which may come in between.
   std::uint64_t remaining_ = 0;
+  TimeUs now_us_ = 0;
+  TimeUs pace_us_ = 0;  ///< When the bytes of the incomplete message would have come at that pace; at most now.
   std::array<std::uint8_t, 14> head_{};
   std::array<std::uint8_t, 4> mask_{};
   std::uint8_t head_size_ = 0;
@@ -79,6 +88,7 @@ class MessageReader {
   Utf8Check utf8_;
   bool in_payload_ = false;
   bool handed_on_ = false;  ///< The last event may lie in kept_ or control_.
+  bool excused_ = false;
   bool ended_ = false;
 };
 

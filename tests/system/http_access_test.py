@@ -227,13 +227,50 @@ class HttpAccess(unittest.TestCase):
         self.assertIn(" 401 ", answer)
         self.assertIn('error="invalid_token"', answer)
 
-    def test_an_upload_ends_when_its_token_is_revoked(self):
+    def fixed_token(self):
+        """A file of tokens, and the one in it."""
         made = subprocess.run([BROKER, "token", "create", "--static", "--subject=camera", "--publish=**"], check=True, capture_output=True, text=True)
         tokens = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "tokens")
         tokens.touch(0o600)
         tokens.write_text(made.stderr.splitlines()[-1] + "\n")
+        return tokens, made.stdout.strip()
+
+    def test_a_delayed_request_has_the_rights_of_when_it_is_answered(self):
+        tokens, token = self.fixed_token()
+        known, config = tokens.read_text(), tokens.with_name("eigencast.toml")
+        begin = lambda: (tokens.write_text(known), config.write_text('[access]\norigins = ["https://page.example"]\n'))
+        begin()
+        port, admin = self.start(f"--config={config}", f"--access-tokens-file={tokens}", "--per-address-requests-per-s=1", "--per-token-requests-per-s=1")
+
+        def reload():
+            count = lambda: re.search(r"^eigencast_broker_reloads_total (\d+)", ask(admin, "GET", "/metrics")[2], re.M)[1]
+            before = count()
+            self.broker.process.send_signal(signal.SIGHUP)
+            while count() == before:
+                time.sleep(0.01)
+
+        for header, change, status in ((f"Authorization: Bearer {token}", lambda: tokens.write_text(""), 401),
+                                       ("Origin: https://page.example", lambda: config.write_text(""), 403),
+                                       ("Accept: */*", lambda: config.write_text('[access]\nanonymous = "nowhere"\n'), 401)):
+            late = set()
+            while not late:  # On a busy machine all may be answered before the reload.
+                begin()
+                reload()
+                asked = [socket.create_connection(("127.0.0.1", port), timeout=60) for _ in range(5)]
+                for one in asked:
+                    self.addCleanup(one.close)
+                    one.sendall(f"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n{header}\r\n\r\n".encode())
+                select.select(asked, [], [])  # The others wait their turn.
+                change()
+                reload()
+                waited = set(asked) - set(select.select(asked, [], [], 0)[0])
+                late = {int(one.recv(4096).split()[1]) for one in waited} - {429}
+            self.assertEqual(late, {status}, header)
+
+    def test_an_upload_ends_when_its_token_is_revoked(self):
+        tokens, token = self.fixed_token()
         port, _ = self.start(f"--access-tokens-file={tokens}")
-        upload, stranger = self.slow_upload(port, made.stdout.strip()), self.slow_upload(port)
+        upload, stranger = self.slow_upload(port, token), self.slow_upload(port)
         self.assertEqual((upload.status, stranger.status), (100, 100))
         tokens.write_text("# taken out\n")
         self.broker.process.send_signal(signal.SIGHUP)
@@ -261,6 +298,20 @@ class HttpAccess(unittest.TestCase):
                 time.sleep(0.0002)
             shutil.rmtree(broker.folder)
             self.assertEqual(broker.process.returncode, 0)
+
+    def test_a_reload_that_comes_before_the_start_ends_is_ignored(self):
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        os.mkfifo(folder / "config")
+        broker = subprocess.Popen([BROKER, f"--config={folder}/config", "--listen=127.0.0.1:0", f"--data-dir={folder}", f"--port-file={folder}/port"],
+                                  stderr=subprocess.DEVNULL)
+        self.addCleanup(broker.wait)
+        self.addCleanup(broker.kill)
+        with open(folder / "config", "w"):  # As soon as the broker reads it, until it has.
+            broker.send_signal(signal.SIGHUP)
+        while not (folder / "port").exists() and broker.poll() is None:
+            time.sleep(0.01)
+        broker.send_signal(signal.SIGTERM)
+        self.assertEqual(broker.wait(60), 0)
 
     def start_with_asset(self, *flags):
         data, admin = self.start(f"--access-jwt-secret={SECRET}", *flags)
@@ -323,6 +374,29 @@ class HttpAccess(unittest.TestCase):
                 peer.sock.close()
             while 1013 in self.hoard(data, 1):
                 time.sleep(0.05)  # Until the broker has noticed.
+
+    def test_messages_that_trickle_are_ended(self):
+        data, _ = self.start("--timeouts-idle-ms=1000")
+        for path in ("/v1/publish/a", "/v1/subscribe"):
+            for piece in (b"x", frame(0, b"", fin=False), frame(PING) + frame(0, b"x", fin=False)):
+                peer, ended = connect(data, path), threading.Event()
+                peer.send(frame(BINARY, bytes(50_000))[:20_000] if piece == b"x" else frame(BINARY, bytes(20_000), fin=False))
+
+                def trickle():
+                    with contextlib.suppress(OSError):
+                        while not ended.wait(0.05):
+                            peer.send(piece)
+
+                trickling = threading.Thread(target=trickle)
+                trickling.start()
+                try:
+                    while (heard := peer.receive())[0] != CLOSE:
+                        pass
+                    self.assertEqual(int.from_bytes(heard[1][:2], "big"), 1013, piece)
+                finally:
+                    ended.set()
+                    trickling.join()
+                    peer.sock.close()
 
     def test_unfinished_heads_are_limited_in_bytes(self):
         data, _ = self.start("--per-address-unfinished-bytes=65536")

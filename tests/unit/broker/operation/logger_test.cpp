@@ -41,7 +41,7 @@ TEST(LogLineTest, KnowsWhereItWasLogged) {
   EXPECT_NE(places[1], places[2]);
 }
 
-TEST(LogQueueTest, FloodOfOneKindIsCountedInOneLine) {
+TEST(LogQueueTest, FloodOfOneKindIsCounted) {
   LogQueue queue({2, 1 << 20, 1000});
   push_one_kind(queue, "aaaa", 0);
   push_one_kind(queue, "bbbb", 1);

@@ -162,7 +162,7 @@ TEST_F(RoomTest, SenderDisplacesStrangersFirst) {
   EXPECT_FALSE(holds("own/0")) << "the oldest of the holder of most";
 }
 
-TEST_F(RoomTest, HolderAtItsLimitGivesUpItsOldestPose) {
+TEST_F(RoomTest, HolderAtLimitGivesUpOldestPose) {
   FakeAccount two(2);
   FakeReceiver receiver;
   ASSERT_TRUE(flap("watched", other_, two));

@@ -53,7 +53,7 @@ std::vector<Profile> all_profiles() {
   return all;
 }
 
-TEST(ProfileBudgetTest, CostIsOneAndEachPoseEncodedPerKey) {
+TEST(ProfileBudgetTest, ProfileCostsOneAndItsEncodedPoses) {
   EXPECT_EQ(cost_of(full(3)), 3u);
   EXPECT_EQ(cost_of(full(15)), 15u);
   EXPECT_EQ(cost_of(compact(15)), 1u);

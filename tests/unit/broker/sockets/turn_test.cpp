@@ -133,7 +133,7 @@ TEST_F(BatchTest, TellsOfFailuresAndWhereAskedFor) {
   EXPECT_EQ(small.use_count() + large.use_count(), 2);
 }
 
-TEST_F(BatchTest, LeavesWhenTheTurnEndsOrItIsFull) {
+TEST_F(BatchTest, FlushesWhenTurnEndsOrFull) {
   Pair pair(loop_);
   std::vector<Told> writers(kMaxBatch + 1);
   const auto byte = std::make_shared<const Bytes>(1);
@@ -147,7 +147,7 @@ TEST_F(BatchTest, LeavesWhenTheTurnEndsOrItIsFull) {
   EXPECT_EQ(pair.read(1), 1u);
 }
 
-TEST_F(BatchTest, ForgottenWriterIsWrittenBeforeItsSocketIsAnothers) {
+TEST_F(BatchTest, ForgottenWriterIsFlushedFirst) {
   Pair pair(loop_);
   Told writer;
   send(writer, pair, std::make_shared<const Bytes>(600));

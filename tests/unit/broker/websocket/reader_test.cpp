@@ -60,7 +60,7 @@ std::vector<Seen> read(std::string stream, std::size_t step, const MessageReader
     Bytes piece(stream.begin() + static_cast<std::ptrdiff_t>(at),
                 stream.begin() + static_cast<std::ptrdiff_t>(std::min(at + step, stream.size())));
     std::span<std::uint8_t> input(piece);
-    while (const auto event = reader.next(input)) {
+    while (const auto event = reader.next(input, 0)) {
       all.push_back({event->kind, {event->payload.begin(), event->payload.end()}, event->code});
     }
     EXPECT_TRUE(input.empty());
@@ -89,7 +89,7 @@ TEST(MessageReaderTest, MemoryOfAnIncompleteMessageIsKnown) {
     Bytes bytes(text.begin(), text.end());
     std::span<std::uint8_t> input(bytes);
     std::size_t events = 0;
-    while (reader.next(input)) ++events;
+    while (reader.next(input, 0)) ++events;
     return events;
   };
   EXPECT_EQ(take(frame(kFin | kBinary, std::string(5000, 'x'))), 1u);
@@ -102,6 +102,64 @@ TEST(MessageReaderTest, MemoryOfAnIncompleteMessageIsKnown) {
   reader.stop();
   EXPECT_EQ(reader.held_bytes(), 0u);
   EXPECT_EQ(take(frame(kFin, "y") + frame(kFin | kPing, "")), 0u);
+}
+
+constexpr MessageReader::Limits kLimits;
+
+/// Bytes that come at given times.
+class Arrivals {
+ public:
+  void take(const std::string& text, TimeUs now_us) {
+    Bytes bytes(text.begin(), text.end());
+    std::span<std::uint8_t> input(bytes);
+    while (reader.next(input, now_us)) continue;
+  }
+  MessageReader reader{kLimits};
+};
+
+constexpr TimeUs kSecond = 1'000'000;
+
+TEST(MessageReaderTest, TricklesFallBehindWhateverComesBetween) {
+  const std::string bytes = frame(kFin | kBinary, std::string(100'000, 'x')), head = bytes.substr(0, 14);
+  for (const std::string& piece : {std::string("x"), frame(0, ""), frame(0, "x"), frame(kFin | kPing, "still here")}) {
+    Arrivals slow;
+    slow.take(piece == "x" ? head : frame(kBinary, "x"), 0);
+    for (TimeUs at_us = 0; at_us <= 100 * kSecond; at_us += kSecond) slow.take(piece, at_us);
+    EXPECT_GT(slow.reader.behind_us(100 * kSecond), 99 * kSecond) << "of " << piece.size() << " bytes each";
+  }
+  Arrivals burst;
+  burst.take(bytes.substr(0, bytes.size() - 1), 0);
+  EXPECT_EQ(burst.reader.behind_us(40 * kSecond), 40 * kSecond) << "what came early buys no time";
+  burst.take(bytes.substr(bytes.size() - 1), 40 * kSecond);
+  EXPECT_EQ(burst.reader.behind_us(1000 * kSecond), 0) << "it is whole";
+  burst.take(head, 1000 * kSecond);
+  EXPECT_EQ(burst.reader.behind_us(1001 * kSecond), kSecond) << "each for itself";
+  burst.reader.stop();
+  EXPECT_EQ(burst.reader.behind_us(2000 * kSecond), 0);
+}
+
+TEST(MessageReaderTest, LargestMessageKeepsUpOverSlowLink) {
+  const std::string bytes = frame(kFin | kBinary, std::string(1 << 20, 'x'));
+  Arrivals link;  // Of 64 kbit/s, with an outage.
+  TimeUs now_us = 0;
+  for (std::size_t at = 0; at < bytes.size(); at += 4000, now_us += kSecond / 2) {
+    if (at == 400'000) now_us += 25 * kSecond;
+    EXPECT_LE(link.reader.behind_us(now_us), 26 * kSecond) << at;
+    link.take(bytes.substr(at, 4000), now_us);
+  }
+  EXPECT_GT(now_us, 150 * kSecond);
+  EXPECT_EQ(link.reader.behind_us(now_us), 0);
+}
+
+TEST(MessageReaderTest, PausesAreExcusedOncePerMessage) {
+  Arrivals paused;
+  paused.take(frame(kBinary, "x"), 0);
+  for (int i = 0; i < 3; ++i) paused.reader.excuse(10 * kSecond);
+  EXPECT_EQ(paused.reader.behind_us(9 * kSecond), 0);
+  EXPECT_EQ(paused.reader.behind_us(30 * kSecond), 20 * kSecond);
+  paused.take(frame(kFin, "y") + frame(kBinary, "x"), 30 * kSecond);
+  paused.reader.excuse(10 * kSecond);
+  EXPECT_EQ(paused.reader.behind_us(40 * kSecond), 0);
 }
 
 TEST(MessageReaderTest, MessagesOfEverySizeRoundTrip) {
@@ -144,7 +202,7 @@ TEST(MessageReaderTest, BadHeadIsRefusedAtFirstByte) {
   MessageReader reader({});
   Bytes piece = {0x83};
   std::span<std::uint8_t> input(piece);
-  const auto event = reader.next(input);
+  const auto event = reader.next(input, 0);
   ASSERT_TRUE(event);
   EXPECT_EQ(event->kind, Kind::kFailed);
 }
