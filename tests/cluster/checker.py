@@ -86,8 +86,9 @@ def why_not_played(system, files, dice):
         until = time.monotonic() + 60
         while not broker.asks("/livez") and time.monotonic() < until:
             time.sleep(0.1)
-        replay = system.away.run(system.programs / "eigencast-sender", "--no-progress", "replay", file, "--duration", "1", "--to",
-                                 f"ws://{broker.host.address}:{cluster.clients.PORT}/again", stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        to = f"ws://{broker.host.address}:{cluster.clients.PORT}/again"
+        replay = system.away.run(system.programs / "eigencast-sender", "--no-progress", "replay", file, "--duration", "1", "--to", to,
+                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         output = replay.communicate(timeout=60)[0]
         return "" if replay.returncode == 0 else f"{file.name}: replay ends with {replay.returncode}: {output[-500:]}"
     finally:

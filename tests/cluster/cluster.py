@@ -189,7 +189,8 @@ class RealSender(Machine):
 
     def command(self):
         first = next(self.turns)
-        brokers = ",".join(f"{self.cluster.network.hosts[BROKERS[(first + i) % len(BROKERS)]].address}:{clients.PORT}" for i in range(len(BROKERS)))
+        hosts_ = [self.cluster.network.hosts[BROKERS[(first + i) % len(BROKERS)]] for i in range(len(BROKERS))]
+        brokers = ",".join(f"{host.address}:{clients.PORT}" for host in hosts_)
         return [self.cluster.programs / "eigencast-sender", "--no-progress", "play", "heart", "--velocities", "--rate", str(KEYS_PER_S), "--to",
                 f"ws://{brokers}/{self.name}"]
 
@@ -284,11 +285,12 @@ class Cluster:
         for number, ((stream, sender, channels), broker) in enumerate(itertools.product(streams, BROKERS)):
             # A third is beside its broker, a third away, a third away by a link that is slow at times.
             here, by_relay = number % 3 == 0, number % 3 == 1
-            self.viewers.append(clients.Viewer(self, self.network.hosts[broker] if here else self.away, [self.brokers[broker]],
-                                               f"v{number}@{broker} of {stream}", stream, sender, channels, next(profiles), number % 4 == 1, by_relay))
+            host, name = self.network.hosts[broker] if here else self.away, f"v{number}@{broker} of {stream}"
+            self.viewers.append(clients.Viewer(self, host, [self.brokers[broker]], name, stream, sender, channels, next(profiles),
+                                               number % 4 == 1, by_relay))
         for number, (stream, sender, channels) in enumerate(streams[:3]):  # They go to any broker.
-            self.viewers.append(clients.Viewer(self, self.away, rotated(number), f"w{number} of {stream}", stream, sender, channels, next(profiles),
-                                               True, False))
+            self.viewers.append(clients.Viewer(self, self.away, rotated(number), f"w{number} of {stream}", stream, sender, channels,
+                                               next(profiles), True, False))
 
     def kinds(self):
         return [kind for kind in nemesis.KINDS if kind not in self.left_out]

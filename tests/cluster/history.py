@@ -156,7 +156,8 @@ class Checker:
         if event["epoch"] != connection.epoch:
             if 0 < event["epoch"] < seen.epoch:
                 self._violate("epoch-fell", event["t"], f"{event['viewer']}: epoch {event['epoch']} after {seen.epoch}")
-            connection.epoch, connection.newest, connection.key_capture, connection.shown, connection.poses = event["epoch"], None, -1, -1, 0
+            connection.epoch, connection.newest, connection.poses = event["epoch"], None, 0
+            connection.key_capture = connection.shown = -1
             if event["epoch"] > seen.epoch:
                 seen.epoch, seen.newest = event["epoch"], -1
         if event["profile"] != connection.profile:  # Profiles differ in how far they are behind.
