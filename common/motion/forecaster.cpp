@@ -43,7 +43,6 @@ void Forecaster::follow(TimeUs capture_us, TimeUs arrival_us, TimeUs interval_us
   if (delay_us_ && std::abs(offset_us - *delay_us_) > kStrayUs) {
     samples_.clear();
     delay_us_.reset();
-    last_emitted_us_.reset();
   }
   samples_.push_back({arrival_us, offset_us});
   while (samples_.size() > Pacer::kMaxArrivals || samples_.front().arrival_us < arrival_us - kWindowUs)

@@ -88,6 +88,17 @@ TEST(Forecaster, MediaTimeNeverRunsBackwards) {
   EXPECT_LT(uneven, static_cast<int>(only.size()) / 20);
 }
 
+TEST(Forecaster, KeysASecondLateDoNotRunBackwards) {
+  Forecaster forecaster(3);
+  TimeUs newest_us = 0;
+  for (const EmittedPose& pose : estimates(run_forecaster(
+           forecaster, 20, [](int i) { return i < 10 ? 10 * kMs : 1'300 * kMs; }, 200 * kMs))) {
+    EXPECT_GT(pose.media_us, newest_us) << "estimate " << pose.at << " of key " << pose.sequence;
+    newest_us = pose.media_us;
+  }
+  EXPECT_GT(newest_us, 19 * kForecasterInterval);
+}
+
 TEST(Forecaster, EstimatesReplaceAMissingKeyThenEnd) {
   Forecaster forecaster(3, 200 * kMs);
   const auto emitted = estimates(run_forecaster(
