@@ -2,6 +2,8 @@
 #include "broker/backbone/backbone.h"
 
 #include <algorithm>
+#include <cstdint>
+#include <functional>
 #include <limits>
 #include <utility>
 
@@ -12,6 +14,7 @@ constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 /// Retry delay after another broker changed the row first: its change is on its way.
 constexpr TimeUs kOvertakenUs = 50'000;
 constexpr TimeUs kForgetEveryUs = 10'000'000;
+constexpr std::uint64_t kEpochGaps = 256;
 /// What heartbeats say.
 constexpr char kAlive = '+', kStopped = '-', kAsksForRows = '?';
 
@@ -238,7 +241,7 @@ void Backbone::try_claim(const std::string& name) {
   const std::uint32_t above = known != nullptr && known->entry ? known->entry->epoch : 0;
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
     if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
-    return grant(name, environment_.next_epoch(above));
+    return grant(name, epoch_apart(above));
   }
   if (!may_write(name)) return;
   const auto epoch = environment_.next_epoch(above);
@@ -247,6 +250,14 @@ void Backbone::try_claim(const std::string& name) {
         [this, name, epoch](const Result<std::uint64_t>& written) {
           if (written) grant(name, *epoch);
         });
+}
+
+/// Without the directory: other brokers that know as little seldom give the same one.
+Result<std::uint32_t> Backbone::epoch_apart(std::uint32_t above) const {
+  const std::uint64_t gap = std::hash<std::string>{}(settings_.id) % kEpochGaps;
+  const auto own = environment_.next_epoch(above);
+  if (!own) return own;
+  return environment_.next_epoch(static_cast<std::uint32_t>(std::min<std::uint64_t>(*own + gap, UINT32_MAX - 1)));
 }
 
 void Backbone::grant(const std::string& name, Result<std::uint32_t> epoch) {

@@ -84,6 +84,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void reconcile_own();
   void forget();
   void try_claim(const std::string& name);
+  Result<std::uint32_t> epoch_apart(std::uint32_t above) const;
   void grant(const std::string& name, Result<std::uint32_t> epoch);
   void write(const std::string& name, const std::optional<DirectoryEntry>& entry,
              std::function<void(const Result<std::uint64_t>&)> written = {});

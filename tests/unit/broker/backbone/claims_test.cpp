@@ -242,6 +242,25 @@ TEST_F(ClaimsTest, OneSenderStaysAfterPartition) {
   EXPECT_EQ(at_a.undecodable + at_b.undecodable, 0);
 }
 
+TEST_F(ClaimsTest, BrokersWithoutTheDirectoryGrantDifferentEpochs) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  pass(1'000'000);
+  sender.leave();
+  pass(1'000'000);
+  a().link.cut();
+  b().link.cut();
+  pass(1'000'000);
+  SiteSender& at_a = new_sender();
+  SiteSender& at_b = new_sender();
+  at_a.publish(a(), "s", asset);
+  at_b.publish(b(), "s", asset);
+  network.run();
+  EXPECT_GT(**at_a.granted, 1U);
+  EXPECT_GT(**at_b.granted, 1U);
+  EXPECT_NE(**at_a.granted, **at_b.granted);
+}
+
 TEST_F(ClaimsTest, StoppedBrokerReleasesItsStreams) {
   SiteSender& first = new_sender();
   publish(first, a());
