@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "broker/broker.h"
 
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <csignal>
 #include <ctime>
 #include <filesystem>
+#include <limits>
 #include <random>
 #include <utility>
 
@@ -24,6 +27,15 @@ constexpr std::size_t kDiskThreads = 2;
 constexpr std::uint32_t kRestartRetryMs = 500;
 constexpr std::uint64_t kReturnsPerSecond = 2000;  ///< Reconnections after a restart.
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
+constexpr rlim_t kMaxOtherDescriptors = 1024;  ///< Of files, NATS, listeners and the admin port.
+
+/// Connections that this process has descriptors for: all but a quarter, or kMaxOtherDescriptors.
+std::int64_t connections_by_descriptors() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return std::numeric_limits<std::int64_t>::max();
+  const rlim_t most = std::min<rlim_t>(limit.rlim_cur, std::numeric_limits<std::int32_t>::max());
+  return static_cast<std::int64_t>(most - std::min(most / 4, kMaxOtherDescriptors));
+}
 
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
   return {.folder = data_dir_of(config) + "/recordings",
@@ -63,7 +75,9 @@ void send_bye_to_all(Context& loop, std::uint32_t spread_ms) {
 }  // namespace
 
 Result<Broker::Security> Broker::load_security(const Config& config) {
-  auto policy = AccessPolicy::from_config(config);
+  Config possible = config;
+  possible.limits.max_connections = std::min(config.limits.max_connections, connections_by_descriptors());
+  auto policy = AccessPolicy::from_config(possible);
   if (!policy) return policy.error();
   auto tls = make_tls_context(config);
   if (!tls) return tls.error();
@@ -153,16 +167,6 @@ Result<void> Broker::listen(const InheritedSockets& inherited) {
 }
 
 void Broker::accept(Socket socket) {
-  if (loops_.connections_total() >= static_cast<std::uint64_t>(config().limits.max_connections)) {
-    ++context().counters.connections_refused;
-    // One non-blocking try: the answer fits any socket's buffer.
-    static constexpr std::string_view kAnswer =
-        "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 5\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
-    ErrorOf ignored;
-    socket.non_blocking(true, ignored);
-    socket.write_some(asio::buffer(kAnswer), ignored);
-    return;
-  }
   serve_data(context(), tls_ ? Transport(std::move(socket), tls_) : Transport(std::move(socket)));
 }
 

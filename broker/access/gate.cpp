@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "common/core/share.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -30,13 +32,17 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
-constexpr std::int64_t kUnfinishedShare = 4;  ///< One holder has at most a quarter of what is free.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
   const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
   // An amount over the burst is taken when idle, or it never would be.
   const double allowed_us = std::max(burst, amount) * 1e6 / per_s;
   return ahead_us <= allowed_us + 0.5 ? 0 : static_cast<TimeUs>(std::ceil(ahead_us - allowed_us));
+}
+
+Error too_few_free(const char* limit, std::int64_t max) {
+  return fail(ErrorCode::kRefused, "of limits." + std::string(limit) + " = " + std::to_string(max) +
+                                       " too few are free for one that holds more: try again later");
 }
 
 Result<void> without_wait(const Result<TimeUs>& taken) {
@@ -91,8 +97,9 @@ std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) 
   return accounts_.emplace(key, std::make_shared<Account>()).first->second;
 }
 
-Grant::Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us)
-    : gate_(gate), identity_(std::move(identity)), policy_(std::move(policy)) {
+Grant::Grant(Gate& gate, Identity identity, const IpAddress& peer, std::shared_ptr<const AccessPolicy> policy,
+             TimeUs now_us)
+    : gate_(gate), identity_(std::move(identity)), spared_(policy->is_own_machine(peer)), policy_(std::move(policy)) {
   holders_.reserve(identity_.key.empty() ? 1 : 2);
   holders_.push_back({gate_.addresses_.account(identity_.client.address.limit_key(), now_us), false});
   if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(identity_.key, now_us), true});
@@ -173,9 +180,28 @@ Result<void> Grant::take(Resource resource) {
 }
 
 void Grant::give_back(Resource resource) {
+  count(resource, -1);
+}
+
+void Grant::count(Resource resource, std::int64_t amount) {
   const auto index = static_cast<std::size_t>(resource);
-  --taken_[index];
-  for (Holder& holder : holders_) holder.account->resources[index].give_back();
+  taken_[index] += amount;
+  for (Holder& holder : holders_) holder.account->resources[index].add(amount);
+}
+
+Result<void> Grant::take_place(std::int64_t open, Grant* former) {
+  constexpr Resource kPlace = Resource::kConnection;
+  const std::int64_t had = former != nullptr ? former->taken_[static_cast<std::size_t>(kPlace)] : 0;
+  if (had > 0) former->give_back(kPlace);
+  auto taken = take(kPlace);
+  const std::int64_t max = policy_->max_connections();
+  const std::int64_t own = holders_.back().account->resources[static_cast<std::size_t>(kPlace)].count();
+  if (taken && own > share_of(max, open, own - 1, spared_)) {
+    give_back(kPlace);
+    taken = too_few_free("max_connections", max);
+  }
+  if (!taken && had > 0) former->count(kPlace, 1);
+  return taken;
 }
 
 Result<std::shared_ptr<void>> Grant::hold(Resource resource) const {
@@ -193,11 +219,10 @@ Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
   const auto amount = static_cast<std::int64_t>(bytes);
   const std::int64_t quota = policy_->quota(holder.is_token).unfinished_bytes;
   const std::int64_t max = policy_->max_unfinished_bytes();
-  const std::int64_t share = (max - gate_.unfinished_bytes_.count()) / kUnfinishedShare;
-  if (!holder.account->unfinished_bytes.take(std::min(quota, share), amount)) {
-    if (quota <= share) return over(holder, "unfinished_bytes", quota);
-    return fail(ErrorCode::kRefused, "of limits.max_unfinished_bytes = " + std::to_string(max) +
-                                         " too few are free for one that holds more: try again later");
+  UseCount& own = holder.account->unfinished_bytes;
+  const std::int64_t share = share_of(max, gate_.unfinished_bytes_.count(), own.count());
+  if (!own.take(std::min(quota, share), amount)) {
+    return quota <= share ? over(holder, "unfinished_bytes", quota) : too_few_free("max_unfinished_bytes", max);
   }
   gate_.unfinished_bytes_.add(amount);
   const auto give_back = [account = holder.account, amount, &all = gate_.unfinished_bytes_](void*) {
@@ -276,7 +301,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
     if (account && denied->failed_login) (void)account->failures.take(1, max / 60, max, now_us);
     return std::move(*denied);
   }
-  return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), rules, now_us));
+  return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), request.peer, rules, now_us));
 }
 
 std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminRequest ask, TimeUs now_us,
@@ -295,13 +320,17 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminReque
   return Denial{403, may.error().message};
 }
 
-GrantPtr Gate::accept(const IpAddress& peer, TimeUs now_us) {
+std::variant<GrantPtr, Denial> Gate::accept(const IpAddress& peer, std::int64_t open, TimeUs now_us) {
+  const auto rules = policy();
+  if (open >= rules->max_connections()) {
+    return Denial{503, "all connections that limits.max_connections allows are in use: try again later", 5};
+  }
   Identity identity;
   identity.name = "connection";
   identity.client.address = peer;
-  const auto rules = policy();
-  GrantPtr grant(new Grant(*this, std::move(identity), rules, now_us));
-  if (!rules->is_trusted_proxy(peer) && !grant->take(Resource::kConnection)) return nullptr;
+  GrantPtr grant(new Grant(*this, std::move(identity), peer, rules, now_us));
+  const auto placed = rules->is_trusted_proxy(peer) ? Result<void>() : grant->take_place(open);
+  if (!placed) return Denial{429, placed.error().message, 1};
   return grant;
 }
 

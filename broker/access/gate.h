@@ -99,12 +99,17 @@ class Grant {
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
   Result<void> take(Resource resource);
   void give_back(Resource resource);
+  /// Takes kConnection, within the holder's share_of() limits.max_connections while `open` others are open, over from
+  /// `former`, if that has it, whose it stays on failure. On the thread of Gate::accept(). Errors: as take().
+  Result<void> take_place(std::int64_t open, Grant* former = nullptr);
   /// The same for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
   Result<std::shared_ptr<void>> hold(Resource resource) const;
   std::string holder() const;  ///< Whose limits hold() counts towards: a key among tokens and addresses.
+  /// Whether it comes from this machine, through no proxy known to be one, and so may have more than its share.
+  bool is_spared() const { return spared_; }
   /// Memory of a message that came in part, or of an answer sent in part: counts until the pointer ends, towards the
-  /// token's limit, or the address's without one, and at most a quarter of what all leave free: so newcomers find room.
-  /// The first kFreeBytes of a connection are free (null). Errors: kRefused.
+  /// token's limit and share_of() all, or the address's without one. The first kFreeBytes of a connection are free
+  /// (null). Errors: kRefused.
   static constexpr std::size_t kFreeBytes = 4096;
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const;
   Result<void> take_message(TimeUs now_us);
@@ -120,7 +125,8 @@ class Grant {
     std::shared_ptr<Account> account;
     bool is_token = false;
   };
-  Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us);
+  Grant(Gate& gate, Identity identity, const IpAddress& peer, std::shared_ptr<const AccessPolicy> policy,
+        TimeUs now_us);
   struct Rate {
     const char* setting;
     RateLimiter Account::*limiter;
@@ -130,9 +136,11 @@ class Grant {
   Result<TimeUs> take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us = 0);
   Error over(const Holder& holder, const char* limit, std::int64_t max) const;
+  void count(Resource resource, std::int64_t amount);
 
   Gate& gate_;
   Identity identity_;
+  bool spared_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< The policy that admitted or last confirmed it.
   std::vector<Holder> holders_;
   std::array<std::int64_t, kResources> taken_{};
@@ -150,9 +158,9 @@ class Gate {
   /// all else needs the right admin.
   std::optional<Denial> admit_admin(const AccessRequest& request, AdminRequest ask, TimeUs now_us,
                                     std::int64_t now_unix_s);
-  /// Call before reading from a connection. Null: its address has too many connections. Connections of trusted proxies
-  /// are not counted here; those of their clients are, in admit().
-  GrantPtr accept(const IpAddress& peer, TimeUs now_us);
+  /// Call before reading from a connection, while `open` others are open. 503: they are all that there may be; 429: its
+  /// address has its share. A trusted proxy has none; its clients have, in Grant::take_place().
+  std::variant<GrantPtr, Denial> accept(const IpAddress& peer, std::int64_t open, TimeUs now_us);
 
   /// Applies to new requests at once, to existing grants at their next is_void().
   void replace_policy(std::shared_ptr<const AccessPolicy> policy);

@@ -29,7 +29,7 @@ struct AccessRequest {
 };
 
 struct Denial {
-  int status = 403;       ///< 400, 401, 403, 408 or 429.
+  int status = 403;       ///< 400, 401, 403, 408, 429 or 503.
   std::string message;    ///< For the user: what is wrong and what to do.
   int retry_after_s = 0;  ///< 429 only.
   bool failed_login = false;
@@ -79,6 +79,10 @@ class AccessPolicy {
   /// Whether an identity that the `former` policy admitted keeps exactly its rights.
   bool vouches_for(const Identity& identity, const AccessPolicy& former) const;
   bool is_trusted_proxy(const IpAddress& address) const { return is_within(proxies_, address); }
+  /// Whether a peer is on this machine, which is trusted (access.anonymous lets it in), and no proxy of others.
+  bool is_own_machine(const IpAddress& peer) const {
+    return peer.is_loopback() && anonymous_ != Anonymous::kNobody && !is_trusted_proxy(peer);
+  }
   /// Whether the request may read the admin port without a token.
   bool is_monitor(const AccessRequest& request) const;
   ClientAddress client_address(const AccessRequest& request) const {
@@ -97,7 +101,8 @@ class AccessPolicy {
   }
   const TokenRules& token_rules() const { return tokens_; }
   const Quota& quota(bool of_token) const { return of_token ? of_token_ : of_address_; }
-  std::int64_t max_unfinished_bytes() const { return max_unfinished_bytes_; }  ///< Of all together.
+  std::int64_t max_connections() const { return max_connections_; }            ///< Of all together.
+  std::int64_t max_unfinished_bytes() const { return max_unfinished_bytes_; }  ///< The same.
   std::int64_t failures_per_minute() const { return failures_per_minute_; }
   bool expiry_disconnects() const { return expiry_disconnects_; }
 
@@ -122,6 +127,7 @@ class AccessPolicy {
   std::vector<IpRange> monitors_;
   Quota of_address_;
   Quota of_token_;
+  std::int64_t max_connections_ = 0;
   std::int64_t max_unfinished_bytes_ = 0;
   std::int64_t failures_per_minute_ = 0;
   bool expiry_disconnects_ = true;

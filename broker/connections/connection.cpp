@@ -231,7 +231,7 @@ void Connection::on_broken(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::count_unfinished() {
-  const std::size_t bytes = reader_.held_bytes() + unread_.size();
+  const std::size_t bytes = reader_.held_bytes() + unread_.size() + unread_answers();
   if (bytes == unfinished_bytes_) return;
   unfinished_bytes_ = bytes;
   unfinished_.reset();
@@ -340,6 +340,7 @@ void Connection::tick() {
                                 "a message came more slowly than 4,000 bytes a second, by more than "
                                 "timeouts.idle_ms: try a faster link, or smaller messages"));
   }
+  if (!closing_) count_unfinished();  // What is not read may have grown without a request.
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");

@@ -62,6 +62,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
 
   Context& context() { return context_; }
   Grant& grant() { return *grant_; }
+  const Grant& grant() const { return *grant_; }
   Outbox& outbox() { return outbox_; }
   void greet();
   /// A full queue closes the connection.
@@ -100,10 +101,11 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void resume_reading();
   void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
-  /// Counts the memory of an unfinished message, and closes where it is too much.
+  /// Counts the memory of an unfinished message and of answers that are not read, and closes where it is too much.
   void count_unfinished();
   /// Frees it, and closes.
   void give_message_up(const Error& why);
+  std::size_t unread_answers() const;
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void fill_write_queue();
   void drop_written(std::size_t bytes);
@@ -137,7 +139,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   GrantPtr grant_;
   websocket::MessageReader reader_;
   Bytes unread_;                      ///< Was received, and waits while is_paced().
-  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_ and unread_.
+  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_, unread_ and unread_answers().
   std::size_t unfinished_bytes_ = 0;
   std::size_t queued_bytes_ = 0;   ///< Size of write_queue_, the written part of its first item included.
   std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.

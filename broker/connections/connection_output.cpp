@@ -90,6 +90,13 @@ void Connection::fill_write_queue() {
   context_.turn.add(*this, may_wait);
 }
 
+std::size_t Connection::unread_answers() const {
+  if (!blocked_ || closing_) return 0;
+  std::size_t bytes = outbox_.control_memory();
+  for (const Outbox::Item& item : write_queue_) bytes += item.text ? item.text->size() + Outbox::kTextBytes : 0;
+  return bytes;
+}
+
 int Connection::plain_socket() {
   return transport_.is_tls() ? -1 : transport_.socket().native_handle();
 }

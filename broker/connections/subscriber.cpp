@@ -92,6 +92,10 @@ void Subscriber::acknowledge(const control::Ack& ack) {
   for (const auto& item : ack.items) outbox().acknowledge(item, steady_now_us());
 }
 
+std::string Subscriber::holder() const {
+  return grant().is_spared() ? std::string() : grant().holder();
+}
+
 void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
   if (restart) outbox().open_lane(stream.id());
   send(stream.info_for(*this));

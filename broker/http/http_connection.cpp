@@ -32,14 +32,13 @@ bool is_malformed_request(ErrorOf error) {
          error != http::error::end_of_stream && error != http::error::partial_message;
 }
 
-/// The peer's address; all zeros once it is gone.
+}  // namespace
+
 IpAddress peer_of(const Socket& socket) {
   ErrorOf gone;
   const auto endpoint = socket.remote_endpoint(gone);
   return gone ? IpAddress{} : IpAddress::from_text(endpoint.address().to_string()).value_or(IpAddress{});
 }
-
-}  // namespace
 
 struct HttpConnection::Wire {
   beast::flat_buffer buffer;

@@ -43,6 +43,9 @@ enum class HttpStatus : std::uint16_t {
 
 using HttpHeaders = std::vector<std::pair<std::string_view, std::string>>;
 
+/// The peer's address; all zeros once it is gone.
+IpAddress peer_of(const Socket& socket);
+
 /// One HTTP/1.1 connection: TLS handshake, request heads one after the other, answers, and a close that loses no
 /// answer. Kept alive by its pending operations. Belongs to the first event loop.
 /// Only its .cpp includes Boost.Beast, which takes long to compile.

@@ -22,7 +22,6 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr const char* kTooManyConnections = "too many connections from this address (per_address.connections)";
 constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
@@ -49,13 +48,32 @@ bool offers_subprotocol(std::string_view header) {
   return std::any_of(parts.begin(), parts.end(), [](auto part) { return trimmed(part) == control::kSubprotocol; });
 }
 
+/// One try without waiting: nobody who is turned away lingers. What has come is read, since a close before that resets.
+void turn_away(Context& context, Transport transport, const Denial& denial) {
+  ++context.counters.connections_refused;
+  log(context.log, LogLevel::kInfo,
+      "turned away " + peer_of(transport.socket()).text() + " (" + std::to_string(denial.status) +
+          "): " + denial.message);
+  if (transport.is_tls()) return;  // No handshake for whom there is no room.
+  const std::string body = R"({"error":"refused","message":")" + denial.message + "\"}\n";
+  const std::string answer =
+      "HTTP/1.1 " + std::to_string(denial.status) +
+      (denial.status == 429 ? " Too Many Requests" : " Service Unavailable") +
+      "\r\nRetry-After: " + std::to_string(denial.retry_after_s) +
+      "\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) +
+      "\r\n\r\n" + body;
+  transport.send({reinterpret_cast<const std::uint8_t*>(answer.data()), answer.size()});
+  transport.end_writing();
+  transport.read(context.read_buffer);
+}
+
 // Functions that return false have answered with a refusal.
 class HttpSession final : public HttpConnection {
  public:
-  HttpSession(Context& context, Transport transport)
+  HttpSession(Context& context, Transport transport, GrantPtr grant)
       : HttpConnection(context, std::move(transport)),
         counted_(counted_in(context.connection_count)),
-        grant_(context.gate.accept(peer(), steady_now_us())) {
+        grant_(std::move(grant)) {
     ++context.counters.connections_total;
   }
 
@@ -63,13 +81,10 @@ class HttpSession final : public HttpConnection {
   Limits limits() const override {
     const Config& config = context().config;
     return {config.timeouts.header_ms, config.timeouts.transfer_ms,
-            static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes", grant_ != nullptr};
+            static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes"};
   }
 
-  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override {
-    if (!grant_ && bytes > Grant::kFreeBytes) return fail(ErrorCode::kRefused, kTooManyConnections);
-    return grant_ ? grant_->hold_bytes(bytes) : std::shared_ptr<void>();
-  }
+  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
 
   void decorate(HttpHeaders& headers) const override {
     const std::string origin = header("Origin");
@@ -87,7 +102,6 @@ class HttpSession final : public HttpConnection {
   };
 
   void on_head() override {
-    if (!grant_) return answer_limit(kTooManyConnections);
     Task task = admitted();
     const TimeUs now_us = steady_now_us();
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
@@ -115,10 +129,11 @@ class HttpSession final : public HttpConnection {
     const auto refused = [this](const Denial& denial) { return Task{[this, denial] { answer_denial(denial); }}; };
     auto admission = context().gate.admit(access_request(parsed->token), steady_now_us(), std::time(nullptr));
     if (const auto* denied = std::get_if<Denial>(&admission)) return refused(*denied);
-    grant_.reset();  // First: it counts towards the same limit.
-    grant_ = std::move(std::get<GrantPtr>(admission));
-    const auto taken = grant_->take(Resource::kConnection);
-    if (!taken) return refused({429, taken.error().message, 1});
+    auto grant = std::get<GrantPtr>(std::move(admission));
+    const auto others = static_cast<std::int64_t>(context().loops.connections_total()) - 1;
+    if (auto placed = grant->take_place(others, grant_.get()); !placed)
+      return refused({429, placed.error().message, 1});
+    grant_ = std::move(grant);
     Task task{[this, target = *parsed] { serve(target); }, true};
     if (parsed->kind == Target::Kind::kStreams) {
       task.listing = static_cast<double>(context().hub.size() * (1 + grant_->patterns())) / kNamesPerRequest;
@@ -251,13 +266,16 @@ class HttpSession final : public HttpConnection {
 
   ConnectionCount counted_;
   RateLimiter requests_;
-  GrantPtr grant_;  ///< The connection's at first, then the latest requester's. Null: too many connections.
+  GrantPtr grant_;  ///< The connection's at first, then the latest requester's.
 };
 
 }  // namespace
 
 void serve_data(Context& context, Transport transport) {
-  std::make_shared<HttpSession>(context, std::move(transport))->start();
+  const auto open = static_cast<std::int64_t>(context.loops.connections_total());
+  auto accepted = context.gate.accept(peer_of(transport.socket()), open, steady_now_us());
+  if (const auto* denial = std::get_if<Denial>(&accepted)) return turn_away(context, std::move(transport), *denial);
+  std::make_shared<HttpSession>(context, std::move(transport), std::get<GrantPtr>(std::move(accepted)))->start();
 }
 
 }  // namespace eigencast::broker

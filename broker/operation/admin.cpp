@@ -107,6 +107,12 @@ std::string trouble_of(const Context& context) {
       context.disk_fails ? "the data folder takes no files (see the log): uploads and recordings fail" : "";
   if (context.backbone != nullptr && !context.backbone->totals().connected)
     trouble += (trouble.empty() ? "" : "; ") + context.backbone->status();
+  const auto open = static_cast<std::int64_t>(context.loops.connections_total());
+  const std::int64_t most = context.gate.policy()->max_connections();
+  if (open >= most - most / 16) {
+    trouble += (trouble.empty() ? "" : "; ") + std::to_string(open) + " of " + std::to_string(most) +
+               " connections are open (limits.max_connections, and descriptors: ulimit -n)";
+  }
   return trouble;
 }
 

@@ -37,6 +37,8 @@ class Outbox {
     std::size_t max_in_flight = 512;  ///< Unacknowledged frames remembered per lane; older ones are dropped.
   };
 
+  static constexpr std::size_t kTextBytes = 64;  ///< What a Text takes besides its characters.
+
   struct Item {  ///< One of the two is set.
     Text text;
     FramePtr frame;
@@ -90,6 +92,8 @@ class Outbox {
   /// The least recent time from sending a frame to its acknowledgement; nothing before the first.
   std::optional<TimeUs> round_trip_us() const;
   std::size_t control_messages() const { return control_.size(); }
+  /// Memory of the control messages that wait.
+  std::size_t control_memory() const { return control_bytes_ + control_.size() * kTextBytes; }
 
  private:
   struct InFlight {

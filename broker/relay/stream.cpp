@@ -8,6 +8,7 @@
 
 #include "broker/relay/profile_budget.h"
 #include "broker/websocket/protocol.h"
+#include "common/core/share.h"
 
 namespace eigencast::broker {
 namespace {
@@ -36,6 +37,24 @@ void StreamShare::announce() {
   const std::lock_guard lock(mutex);
   announced = true;
   charge.reset();
+}
+
+Result<std::shared_ptr<void>> StreamShare::take_place(const std::string& holder, std::uint32_t max) {
+  const std::lock_guard lock(mutex);
+  const auto mine = places.try_emplace(holder).first;
+  if (mine->second >= share_of(max, watchers, mine->second, holder.empty())) {
+    if (mine->second == 0) places.erase(mine);
+    return fail(ErrorCode::kTooLarge, "this stream has " + std::to_string(watchers) + " watchers, and of the " +
+                                          std::to_string(max) + " that limits.max_subscribers_per_stream allows too " +
+                                          "few are free for one that holds more: try again later");
+  }
+  ++mine->second;
+  ++watchers;
+  return std::shared_ptr<void>(this, [this, mine](void*) {
+    const std::lock_guard lock_again(mutex);
+    --watchers;
+    if (--mine->second == 0) places.erase(mine);
+  });
 }
 
 Result<std::shared_ptr<void>> StreamIds::pay(const Charge& charge) {
@@ -78,7 +97,7 @@ Stream::Stream(std::string name, std::shared_ptr<StreamShare> share, const Setti
     : name_(std::move(name)), share_(std::move(share)), id_(share_->id), settings_(settings) {}
 
 Stream::~Stream() {
-  share_->watchers -= watchers_here();
+  watched_.clear();
   for (StreamTap* tap : settings_.taps) tap->on_forgotten(*this);
 }
 
@@ -225,12 +244,10 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (const auto checked = check_profile(wanted); !checked) return checked;
   deliver();
   const bool known = watched_.contains(&watcher);
-  if (known) {
-    forget(watcher);
-  } else if (auto placed = add_watcher(watcher); !placed) {
-    return placed;
-  }
-  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr};
+  auto place = known ? forget(watcher) : share_->take_place(watcher.holder(), settings_.max_watchers);
+  if (!place) return place.error();
+  if (!known) order_.push_back(&watcher);
+  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr, std::move(*place)};
   if (present_.epoch != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
   if (!known) report_count();
@@ -245,22 +262,11 @@ bool Stream::improve(Watcher& watcher) {
   return static_cast<bool>(watch(watcher, wanted));
 }
 
-Result<void> Stream::add_watcher(Watcher& watcher) {
-  if (share_->watchers++ >= settings_.max_watchers) {
-    --share_->watchers;
-    return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' has " + std::to_string(settings_.max_watchers) +
-                                          " watchers, the most that limits.max_subscribers_per_stream allows");
-  }
-  order_.push_back(&watcher);
-  return {};
-}
-
 void Stream::unwatch(Watcher& watcher) {
   if (!watched_.contains(&watcher)) return;
   deliver();
   forget(watcher);
   std::erase(order_, &watcher);
-  --share_->watchers;
   trace(watcher, 0);
   report_count();
 }
@@ -381,14 +387,16 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
   watched.group = group.get();
 }
 
-/// Gives up its profile and its slot in the group.
-void Stream::forget(const Watcher& watcher) {
+/// Gives up its profile and its slot in the group. Returns its place.
+std::shared_ptr<void> Stream::forget(const Watcher& watcher) {
   const auto found = watched_.find(&watcher);
   Group* group = found->second.group;
+  auto place = std::move(found->second.place);
   watched_.erase(found);
-  if (group == nullptr) return;
+  if (group == nullptr) return place;
   std::erase(group->watchers, &watcher);
   if (group->watchers.empty()) groups_.erase(Profile(group->feed.profile()));
+  return place;
 }
 
 void Stream::deliver(Group& group) {

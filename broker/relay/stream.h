@@ -25,6 +25,8 @@ class Stream;
 class Watcher {
  public:
   virtual ~Watcher() = default;
+  /// Whose share of a stream's places it takes; empty: its share is spared (common/core/share.h).
+  virtual std::string holder() const { return {}; }
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
   virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) = 0;
@@ -59,11 +61,15 @@ class StreamTap {
 struct StreamShare {
   explicit StreamShare(std::uint32_t given) : id(given) {}
   void announce();
+  /// A place among `max` watchers in all loops, until the pointer ends, before which the share must not.
+  /// Errors: kTooLarge (none is free; the holder has its share).
+  Result<std::shared_ptr<void>> take_place(const std::string& holder, std::uint32_t max);
   const std::uint32_t id;
   std::atomic<std::uint32_t> watchers{0};  ///< In all loops.
   std::mutex mutex;
-  bool announced = false;        ///< GUARDED_BY(mutex)
-  std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
+  std::map<std::string, std::int64_t> places;  ///< GUARDED_BY(mutex) Of watchers, by holder.
+  bool announced = false;                      ///< GUARDED_BY(mutex)
+  std::shared_ptr<void> charge;                ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
 };
 
 /// Counts something towards somebody's limit until the pointer ends. Errors: kRefused (the limit is reached).
@@ -212,17 +218,17 @@ class Stream {
   };
 
   struct Watched {
-    Profile wanted;          ///< Made canonical().
-    Group* group = nullptr;  ///< Null before the first epoch.
+    Profile wanted;               ///< Made canonical().
+    Group* group = nullptr;       ///< Null before the first epoch.
+    std::shared_ptr<void> place;  ///< Among the stream's watchers.
   };
 
   Profile effective(const Profile& wanted) const;
   Profile affordable(const Profile& wanted) const;
   void join_group(Watcher& watcher, Watched& watched);
-  void forget(const Watcher& watcher);
+  std::shared_ptr<void> forget(const Watcher& watcher);
   void deliver(Group& group);
   void send_traces(Group& group);
-  Result<void> add_watcher(Watcher& watcher);
   Result<KeyRecordPtr> record_from(const FrameView& frame, TimeUs now_us) const;
 
   std::string name_;

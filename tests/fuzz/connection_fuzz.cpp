@@ -649,8 +649,9 @@ class Session {
     for (const char* address : {"192.0.2.1", "127.0.0.1", "10.0.0.3"}) {
       std::vector<GrantPtr> all;
       for (std::int64_t i = 0; i < config().per_address.connections; ++i) {
-        all.push_back(service().gate().accept(IpAddress::from_text(address).value(), stepped_us));
-        if (!all.back()) return false;
+        auto accepted = service().gate().accept(IpAddress::from_text(address).value(), 0, stepped_us);
+        if (std::holds_alternative<Denial>(accepted)) return false;
+        all.push_back(std::get<GrantPtr>(std::move(accepted)));
       }
     }
     return true;

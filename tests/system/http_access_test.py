@@ -344,6 +344,47 @@ class HttpAccess(unittest.TestCase):
                 self.assertNotEqual(answer["op"], "closed")
             sender.sock.close()
 
+    def test_one_address_or_token_leaves_places_to_others(self):
+        data, admin = self.start(f"--access-jwt-secret={SECRET}", "--access-anonymous=nowhere", "--limits-max-connections=200",
+                                 "--limits-max-subscribers-per-stream=40")
+        auth = {"Authorization": f"Bearer {token('camera')}"}
+        body, name = payloads.asset()
+        self.assertEqual(ask(data, "PUT", f"/v1/assets/{name}", body, headers=auth)[0], 201)
+        silent = {socket.create_connection(("127.0.0.1", data), timeout=60) for _ in range(210)}
+        for one in silent:
+            self.addCleanup(one.close)
+        refused = set()
+        while len(refused) < 170:
+            ready = select.select(silent - refused, [], [], 60)[0]
+            self.assertTrue(ready, "those beyond its share are closed at once")
+            for one in ready:
+                self.assertIn(b" 429 ", one.recv(4096))
+                refused.add(one)
+        self.assertEqual(ask(data, "GET", "/v1/streams", source="127.0.0.2", headers=auth)[0], 200)
+        self.assertEqual(ask(admin, "GET", "/readyz")[2], "ready\n")
+        for one in silent:
+            one.close()
+        while json.loads(ask(admin, "GET", "/api/broker")[2])["connections"] > 0:
+            time.sleep(0.01)  # Until the broker has noticed.
+        sender, answer = announce(data, "show", "camera")
+        self.addCleanup(sender.sock.close)
+        self.assertEqual(answer["op"], "announced", answer)
+        crowd = [connect(data, "/v1/subscribe/show", "crowd") for _ in range(30)]
+        self.assertEqual([hear(viewer, "stream", "error")["op"] for viewer in crowd], 8 * ["stream"] + 22 * ["error"])
+        self.assertEqual(hear(connect(data, "/v1/subscribe/show", "guest"), "stream", "error")["op"], "stream")
+
+    def test_a_full_broker_says_so(self):
+        data, admin = self.start("--limits-max-connections=32")
+        held = []
+        while True:
+            held.append(socket.create_connection(("127.0.0.1", data), timeout=60))
+            self.addCleanup(held[-1].close)
+            held[-1].sendall(b"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            if b" 200 " not in held[-1].recv(4096):
+                break
+        self.assertEqual(len(held), 31, "this machine leaves a sixteenth")
+        self.assertIn("30 of 32 connections", ask(admin, "GET", "/readyz")[2])
+
     def hoard(self, port, count):
         """Senders that begin large messages and do not end them: the codes with which some are closed."""
         codes = []
@@ -397,6 +438,26 @@ class HttpAccess(unittest.TestCase):
                     ended.set()
                     trickling.join()
                     peer.sock.close()
+
+    def test_answers_that_are_not_read_are_limited_in_bytes(self):
+        data, admin = self.start_with_asset("--per-address-unfinished-bytes=200000", "--sockets-send-buffer-bytes=4608")
+        sender, answer = announce(data, "show", "camera")
+        self.addCleanup(sender.sock.close)
+        self.assertEqual(answer["op"], "announced", answer)
+        asks = [frame(TEXT, json.dumps({"op": "subscribe", "stream": "show", "profile": {"rate": "raw", "bands": 1 + i % 2}}).encode()) for i in range(100)]
+        viewers = []
+        for _ in range(16):
+            viewers.append(Peer(data, "/v1/subscribe", "eigencast.v1", receive_buffer=2048))
+            self.addCleanup(viewers[-1].sock.close)
+            viewers[-1].send(*asks)
+        while (left := sum(client["kind"] == "viewer" for client in json.loads(ask(admin, "GET", "/api/clients")[2])["clients"])) > 8:
+            for viewer in viewers:
+                with contextlib.suppress(OSError):
+                    viewer.send(frame(PONG))
+            time.sleep(0.1)
+        self.assertGreater(left, 0, "those that fit stay")
+        reader = connect(data, "/v1/subscribe/show")
+        self.assertEqual(hear(reader, "stream", "error")["op"], "stream", "who reads is served")
 
     def test_unfinished_heads_are_limited_in_bytes(self):
         data, _ = self.start("--per-address-unfinished-bytes=65536")

@@ -271,18 +271,67 @@ TEST_F(GateTest, ResourcesAreLimitedPerAddressAndToken) {
   EXPECT_TRUE(third->take(Resource::kConnection));
 }
 
+/// Fills places from one peer, until it gets no more, while `others` are open besides.
+std::vector<GrantPtr> hoard(Gate& gate, const char* peer, std::int64_t others = 0) {
+  std::vector<GrantPtr> all;
+  for (;;) {
+    auto accepted = gate.accept(IpAddress::from_text(peer).value(), others + std::ssize(all), 0);
+    auto* grant = std::get_if<GrantPtr>(&accepted);
+    if (grant == nullptr) return all;
+    all.push_back(std::move(*grant));
+  }
+}
+
 TEST_F(GateTest, ConnectionsCountBeforeReading) {
   config_.per_address.connections = 1;
   config_.proxy.trusted = {"10.0.0.1"};
-  const auto stranger = IpAddress::from_text("8.8.8.8").value();
-  auto grant = gate().accept(stranger, 0);
-  EXPECT_TRUE(grant);
-  EXPECT_FALSE(gate().accept(stranger, 0));
-  grant.reset();
-  EXPECT_TRUE(gate().accept(stranger, 0));
-  const auto proxy = IpAddress::from_text("10.0.0.1").value();
-  const auto one = gate().accept(proxy, 0);
-  EXPECT_TRUE(one && gate().accept(proxy, 0)) << "a proxy carries many";
+  auto grants = hoard(gate(), "8.8.8.8");
+  EXPECT_EQ(grants.size(), 1u);
+  EXPECT_EQ(std::get<Denial>(gate().accept(IpAddress::from_text("8.8.8.8").value(), 1, 0)).status, 429);
+  grants.clear();
+  EXPECT_EQ(hoard(gate(), "8.8.8.8").size(), 1u);
+}
+
+TEST_F(GateTest, OneAddressLeavesPlacesOfConnectionsToOthers) {
+  config_.limits.max_connections = 200;
+  config_.proxy.trusted = {"10.0.0.1"};
+  const auto greedy = hoard(gate(), "8.8.8.8");
+  EXPECT_EQ(greedy.size(), 40u) << "a quarter of the other 160";
+  const auto second = hoard(gate(), "9.9.9.9", 40);
+  EXPECT_EQ(second.size(), 32u);
+  EXPECT_EQ(hoard(gate(), "2001:db8::1", 199).size(), 1u) << "a newcomer, as long as there is room";
+  EXPECT_EQ(std::get<Denial>(gate().accept(IpAddress::from_text("1.1.1.1").value(), 200, 0)).status, 503);
+  EXPECT_EQ(hoard(gate(), "127.0.0.1").size(), 188u) << "this machine leaves a sixteenth";
+  EXPECT_EQ(hoard(gate(), "10.0.0.1").size(), 200u) << "a proxy carries many";
+  config_.access.anonymous = "nowhere";
+  reload();
+  EXPECT_EQ(hoard(gate(), "127.0.0.1").size(), 40u) << "where strangers may be";
+}
+
+TEST_F(GateTest, PlaceOfAConnectionPassesToItsClient) {
+  config_.limits.max_connections = 20;
+  config_.proxy.trusted = {"10.0.0.1"};
+  auto through_proxy = request_from("10.0.0.1", token_for("a", {}, {"**"}));
+  through_proxy.forwarded.x_forwarded_for = "127.0.0.1";
+  const auto proxy = std::get<GrantPtr>(gate().accept(through_proxy.peer, 0, 0));
+  std::vector<GrantPtr> clients;
+  for (int i = 0; i < 4; ++i) {
+    clients.push_back(let_in(through_proxy));
+    EXPECT_TRUE(clients.back()->take_place(i, proxy.get()));
+    EXPECT_FALSE(clients.back()->is_spared()) << "whatever address it claims";
+  }
+  EXPECT_EQ(let_in(through_proxy)->take_place(4, proxy.get()).error().code, ErrorCode::kRefused);
+
+  auto peers = hoard(gate(), "8.8.8.8", 4);
+  ASSERT_EQ(peers.size(), 3u);
+  const auto as_a = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
+  EXPECT_FALSE(as_a->take_place(6, peers[0].get())) << "the token has its share";
+  EXPECT_EQ(hoard(gate(), "8.8.8.8", 7).size(), 0u) << "the connection still counts to its address";
+  const auto as_b = let_in(request_from("8.8.8.8", token_for("b", {}, {"**"})));
+  EXPECT_TRUE(as_b->take_place(6, peers[0].get()));
+  peers.clear();
+  clients.clear();
+  EXPECT_EQ(hoard(gate(), "8.8.8.8", 1).size(), 3u) << "beside that of the token";
 }
 
 TEST_F(GateTest, MessagesAndUploadsAreRateLimited) {

@@ -123,6 +123,35 @@ TEST_F(StreamTest, WatchersAreCapped) {
   EXPECT_EQ(sender_.counts, (std::vector<std::uint32_t>{0, 1, 2, 1, 2}));
 }
 
+TEST_F(StreamTest, OneHolderLeavesPlacesToOthers) {
+  struct Held : FakeReceiver {
+    std::string holder() const override { return who; }
+    std::string who;
+  };
+  Stream stream("a", 1, {.max_watchers = 60});
+  std::vector<std::unique_ptr<Held>> watchers;
+  const auto crowd = [&](const std::string& who) {
+    for (std::size_t count = 0;; ++count) {
+      watchers.push_back(std::make_unique<Held>());
+      watchers.back()->who = who;
+      if (const auto placed = stream.watch(*watchers.back(), kRaw); !placed) {
+        EXPECT_EQ(placed.error().code, ErrorCode::kTooLarge);
+        watchers.pop_back();
+        return count;
+      }
+      EXPECT_TRUE(stream.watch(*watchers.back(), kFull)) << "another profile, the same place";
+    }
+  };
+  EXPECT_EQ(crowd("address 1.1.1.1"), 12u) << "a quarter of the other 48";
+  EXPECT_EQ(crowd("address 2.2.2.2"), 9u);
+  EXPECT_EQ(crowd(""), 36u) << "who is spared leaves three";
+  EXPECT_EQ(crowd("a newcomer"), 1u);
+  EXPECT_EQ(stream.watchers(), 58u);
+  for (int i = 0; i < 12; ++i) stream.unwatch(*watchers[static_cast<std::size_t>(i)]);
+  EXPECT_EQ(stream.watchers(), 46u);
+  EXPECT_EQ(crowd("a newcomer"), 2u);
+}
+
 TEST_F(StreamTest, WishesForTheSameFramesShareAProfile) {
   begin();
   std::vector<FakeReceiver> receivers(4);
