@@ -41,6 +41,22 @@ std::string_view for_of(std::string_view element) {
 
 }  // namespace
 
+std::optional<std::string_view> host_of_authority(std::string_view text) {
+  constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._~!$&'()*+,;=";
+  const bool bracketed = text.starts_with('[');
+  const std::size_t end = bracketed ? text.find(']') : text.find(':');
+  if (bracketed && end == std::string_view::npos) return std::nullopt;
+  const std::string_view host = bracketed ? text.substr(1, end - 1) : text.substr(0, end);
+  const std::string_view port = text.substr(std::min(text.size(), bracketed ? end + 1 : end));
+  const bool good_host = bracketed ? host.find_first_not_of("0123456789abcdefABCDEF:.") == std::string_view::npos &&
+                                         host.find(':') != std::string_view::npos && IpAddress::from_text(host)
+                                   : host.find_first_not_of(kLetters) == std::string_view::npos;
+  const bool good_port = port.empty() || (port.front() == ':' && !host.empty() &&
+                                          port.find_first_not_of("0123456789", 1) == std::string_view::npos);
+  if (!good_host || !good_port) return std::nullopt;
+  return host;
+}
+
 std::optional<IpAddress> IpAddress::from_text(std::string_view text) {
   boost::system::error_code error;
   const auto address = ip::make_address(text.substr(0, text.find('%')), error);

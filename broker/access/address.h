@@ -26,6 +26,10 @@ struct IpAddress {
   auto operator<=>(const IpAddress&) const = default;
 };
 
+/// The host of "host", "host:port" or "[IPv6]:port", without brackets; empty in an empty text. Nothing: RFC 3986, 3.2.2
+/// has no such host, or it holds a '%' (an escape or a zone).
+std::optional<std::string_view> host_of_authority(std::string_view text);
+
 /// A range of addresses: "10.0.0.0/8", "2001:db8::/32", or one address.
 struct IpRange {
   IpAddress first;

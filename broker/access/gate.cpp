@@ -320,15 +320,25 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminReque
   return Denial{403, may.error().message};
 }
 
+GrantPtr Gate::nameless(const IpAddress& address, const IpAddress& peer, std::shared_ptr<const AccessPolicy> rules,
+                        TimeUs now_us) {
+  Identity identity;
+  identity.name = "connection";
+  identity.client.address = address;
+  return GrantPtr(new Grant(*this, std::move(identity), peer, std::move(rules), now_us));
+}
+
+GrantPtr Gate::stranger(const AccessRequest& request, TimeUs now_us) {
+  const auto rules = policy();
+  return nameless(rules->client_address(request).address, request.peer, rules, now_us);
+}
+
 std::variant<GrantPtr, Denial> Gate::accept(const IpAddress& peer, std::int64_t open, TimeUs now_us) {
   const auto rules = policy();
   if (open >= rules->max_connections()) {
     return Denial{503, "all connections that limits.max_connections allows are in use: try again later", 5};
   }
-  Identity identity;
-  identity.name = "connection";
-  identity.client.address = peer;
-  GrantPtr grant(new Grant(*this, std::move(identity), peer, rules, now_us));
+  GrantPtr grant = nameless(peer, peer, rules, now_us);
   const auto placed = rules->is_trusted_proxy(peer) ? Result<void>() : grant->take_place(open);
   if (!placed) return Denial{429, placed.error().message, 1};
   return grant;

@@ -161,6 +161,8 @@ class Gate {
   /// Call before reading from a connection, while `open` others are open. 503: they are all that there may be; 429: its
   /// address has its share. A trusted proxy has none; its clients have, in Grant::take_place().
   std::variant<GrantPtr, Denial> accept(const IpAddress& peer, std::int64_t open, TimeUs now_us);
+  /// Who pays for a request that was not admitted: the client's address, whatever proxy it came through. No rights.
+  GrantPtr stranger(const AccessRequest& request, TimeUs now_us);
 
   /// Applies to new requests at once, to existing grants at their next is_void().
   void replace_policy(std::shared_ptr<const AccessPolicy> policy);
@@ -169,6 +171,8 @@ class Gate {
 
  private:
   friend class Grant;
+  GrantPtr nameless(const IpAddress& address, const IpAddress& peer, std::shared_ptr<const AccessPolicy> rules,
+                    TimeUs now_us);
 
   mutable std::mutex policy_mutex_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< GUARDED_BY(policy_mutex_)

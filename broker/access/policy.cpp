@@ -45,13 +45,10 @@ bool origin_matches(std::string_view pattern, std::string_view origin) {
 }
 
 bool is_listed(const std::vector<std::string>& origins, std::string_view origin) {
-  return std::any_of(origins.begin(), origins.end(),
+  constexpr std::size_t kMaxOriginBytes = 512;  // A connection keeps its own.
+  return origin.size() <= kMaxOriginBytes &&
+         std::any_of(origins.begin(), origins.end(),
                      [&](const std::string& pattern) { return origin_matches(pattern, origin); });
-}
-
-/// "[::1]:7490" -> "::1", "localhost:7490" -> "localhost".
-std::string_view without_port(std::string_view host) {
-  return host.starts_with('[') ? host.substr(1, host.find(']') - 1) : host.substr(0, host.find(':'));
 }
 
 /// Names have no case, and the dot at the end of a full name may be left out.
@@ -64,8 +61,8 @@ bool is_same_host(std::string_view a, std::string_view b) {
 bool is_local_page(std::string_view origin) {
   const auto scheme = origin.find("://");
   if (scheme == std::string_view::npos) return false;
-  const std::string_view host = without_port(origin.substr(scheme + 3));
-  const auto address = IpAddress::from_text(host);
+  const auto host = host_of_authority(origin.substr(scheme + 3));
+  const auto address = host ? IpAddress::from_text(*host) : std::nullopt;
   return host == "localhost" || (address && address->is_loopback());
 }
 
@@ -186,9 +183,10 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
 }
 
 bool AccessPolicy::names_broker(std::string_view host) const {
-  const std::string_view name = without_port(host);
-  return host.empty() || is_same_host(name, "localhost") || IpAddress::from_text(name) ||
-         std::any_of(hosts_.begin(), hosts_.end(), [&](const std::string& own) { return is_same_host(name, own); });
+  const auto name = host_of_authority(host);
+  return name &&
+         (name->empty() || is_same_host(*name, "localhost") || IpAddress::from_text(*name) ||
+          std::any_of(hosts_.begin(), hosts_.end(), [&](const std::string& own) { return is_same_host(*name, own); }));
 }
 
 bool AccessPolicy::is_direct(const AccessRequest& request) const {
@@ -201,6 +199,7 @@ bool AccessPolicy::is_monitor(const AccessRequest& request) const {
 }
 
 bool AccessPolicy::vouches_for(const Identity& identity, const AccessPolicy& former) const {
+  if (!identity.listed_page.empty() && !is_listed(origins_, identity.listed_page)) return false;
   if (identity.key.empty()) {
     const bool welcome = anonymous_ == Anonymous::kAnywhere || (anonymous_ == Anonymous::kLoopback && identity.local);
     return welcome && identity.rights == anonymous_rights_;
@@ -215,12 +214,11 @@ bool AccessPolicy::vouches_for(const Identity& identity, const AccessPolicy& for
          std::any_of(former.tokens_.keys.begin(), former.tokens_.keys.end(), same_key);
 }
 
-bool AccessPolicy::allows_origin(const AccessRequest& request) const {
+bool AccessPolicy::is_own_page(const AccessRequest& request) const {
   if (request.origin.empty()) return true;
   const bool proxied = !request.forwarded_host.empty() && is_trusted_proxy(request.peer);
   const std::string& host = proxied ? request.forwarded_host : request.host;
-  if (!host.empty() && (request.origin == "http://" + host || request.origin == "https://" + host)) return true;
-  return is_listed(origins_, request.origin);
+  return !host.empty() && (request.origin == "http://" + host || request.origin == "https://" + host);
 }
 
 std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& request, std::int64_t now_unix_s) const {
@@ -229,6 +227,7 @@ std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& reque
   if (!allows_origin(request)) {
     return Denial{403, "pages of this origin may not use this broker: name it in access.origins"};
   }
+  if (!is_own_page(request)) identity.listed_page = request.origin;
   if (request.authorization.empty() && request.query_token.empty()) {
     return identify_anonymous(request, std::move(identity));
   }
@@ -269,6 +268,10 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
   identity.rights = std::move(claims->rights);
   identity.expires_s = claims->expires_s + tokens_.leeway_s;
   return identity;
+}
+
+bool AccessPolicy::allows_origin(const AccessRequest& request) const {
+  return is_own_page(request) || is_listed(origins_, request.origin);
 }
 
 bool AccessPolicy::is_local(const AccessRequest& request, bool listed_pages) const {

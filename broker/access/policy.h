@@ -39,9 +39,10 @@ struct Identity {
   std::string name;  ///< For logs: "token 'camera-1'", "anonymous".
   std::string key;   ///< The key of per-token limits; empty: anonymous.
   ClientAddress client;
-  bool local = false;  ///< The request came from this machine.
-  std::string key_id;  ///< For signed tokens.
-  Sha256 token_hash;   ///< For fixed tokens.
+  bool local = false;       ///< The request came from this machine.
+  std::string listed_page;  ///< The origin that access.origins lets in; empty: no page, or one of the broker's host.
+  std::string key_id;       ///< For signed tokens.
+  Sha256 token_hash;        ///< For fixed tokens.
   Rights rights;
   std::optional<std::int64_t> expires_s;
 };
@@ -111,6 +112,7 @@ class AccessPolicy {
   /// which its owner lets resolve to this machine (DNS rebinding).
   bool names_broker(std::string_view host) const;
   bool is_direct(const AccessRequest& request) const;
+  bool is_own_page(const AccessRequest& request) const;  ///< Of the broker's host, or no page at all.
   std::variant<Identity, Denial> identify_token(std::string_view token, Identity identity, std::int64_t now_s) const;
   std::variant<Identity, Denial> identify_anonymous(const AccessRequest& request, Identity identity) const;
 

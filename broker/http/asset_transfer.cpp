@@ -66,10 +66,9 @@ class Download : public std::enable_shared_from_this<Download> {
     const auto wanted = ranged ? range_from_header(connection_->header("Range"), object.size) : RangeRequest{};
     const std::string size = std::to_string(object.size);
     if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
-      headers.emplace_back("Content-Range", "bytes */" + size);
       return connection_->answer_error(HttpStatus::kRangeNotSatisfiable,
                                        fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"),
-                                       std::move(headers));
+                                       {{"Accept-Ranges", "bytes"}, {"Content-Range", "bytes */" + size}});
     }
     const bool whole = wanted.kind == RangeRequest::Kind::kWhole;
     at_ = whole ? 0 : wanted.first;

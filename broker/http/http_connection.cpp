@@ -100,8 +100,19 @@ bool HttpConnection::is_websocket_upgrade() const {
   return beast::websocket::is_upgrade(wire_->parser->get()) && wire_->buffer.size() == 0;
 }
 
+bool HttpConnection::has_body() const {
+  return wire_->parser->chunked() || content_length().value_or(0) > 0;
+}
+
 bool HttpConnection::is_body_read() const {
   return wire_->parser->is_done();
+}
+
+/// RFC 9112, 3.2.
+bool HttpConnection::names_one_host() const {
+  const auto& request = wire_->parser->get();
+  const auto hosts = request.count(http::field::host);
+  return hosts == 0 ? request.version() < 11 : hosts == 1 && host_of_authority(header("Host"));
 }
 
 bool HttpConnection::has_unknown_coding() const {
@@ -170,6 +181,10 @@ void HttpConnection::on_head_read(ErrorOf error) {
     return answer_error(HttpStatus::kNotImplemented,
                         fail(ErrorCode::kUnsupported, "the only Transfer-Encoding that this broker knows is chunked"));
   }
+  if (!error && !names_one_host()) {
+    return answer_denial({400, "send one Host header, NAME or ADDRESS, with :PORT or without, not '" +
+                                   joined_headers("Host").substr(0, 64) + "'"});
+  }
   if (!error) return on_head();
   if (is_body_limit(error)) {
     return answer_error(HttpStatus::kPayloadTooLarge,
@@ -187,9 +202,10 @@ void HttpConnection::on_head_read(ErrorOf error) {
 
 bool HttpConnection::can_keep_alive() const {
   const auto& parser = *wire_->parser;
-  if (!parser.is_header_done() || !limits().keeps || !parser.get().keep_alive() || has_unknown_coding()) return false;
+  if (!parser.is_header_done() || !limits().keeps || !parser.get().keep_alive()) return false;
+  if (has_unknown_coding() || !names_one_host()) return false;
   if (parser.chunked() && parser.get().version() < 11) return false;  // RFC 9112, 6.1: its framing is faulty.
-  return parser.is_done() || (parser.content_length().value_or(0) == 0 && !parser.chunked());
+  return parser.is_done() || !has_body();
 }
 
 void HttpConnection::answer_denial(const Denial& denial) {

@@ -70,6 +70,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   AccessRequest access_request(std::string query_token) const;
   /// Whether it asks for a WebSocket (RFC 6455, 4.2.1) and waits for the answer before it sends more.
   bool is_websocket_upgrade() const;
+  bool has_body() const;
   bool is_body_read() const;
   /// Whether the length of its body is unknown: it names a transfer coding other than chunked.
   bool has_unknown_coding() const;
@@ -140,6 +141,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     }
   }
 
+  bool names_one_host() const;
   void do_on_disk(std::function<void()> work, std::function<void()> then);
   void read_head();
   void read_more_head();

@@ -87,18 +87,17 @@ class HttpSession final : public HttpConnection {
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
 
   void decorate(HttpHeaders& headers) const override {
+    headers.emplace_back("Vary", "Origin");  // Always: else caches give the answer without an origin to pages.
     const std::string origin = header("Origin");
-    if (origin.empty()) return;
-    headers.emplace_back("Vary", "Origin");
-    if (!context().gate.policy()->allows_origin(access_request({}))) return;
+    if (origin.empty() || !context().gate.policy()->allows_origin(access_request({}))) return;
     headers.emplace_back("Access-Control-Allow-Origin", origin);
     headers.emplace_back("Access-Control-Expose-Headers", "Accept-Ranges, Content-Range, ETag, Retry-After");
   }
 
   struct Task {
     std::function<void()> run;
-    bool admitted = false;
-    double listing = 0;  ///< Names to compare, in ordinary requests.
+    bool admitted = false;  ///< It counts towards grant_, else towards the client's address.
+    double listing = 0;     ///< Names to compare, in ordinary requests.
   };
 
   void on_head() override {
@@ -106,7 +105,8 @@ class HttpSession final : public HttpConnection {
     const TimeUs now_us = steady_now_us();
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
     const TimeUs wait_us = *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs);
-    const auto holder_wait_us = grant_->take_request(task.listing, now_us, kMaxRequestWaitUs);
+    const auto payer = task.admitted ? grant_ : context().gate.stranger(access_request({}), now_us);
+    const auto holder_wait_us = payer->take_request(task.listing, now_us, kMaxRequestWaitUs);
     if (!holder_wait_us) {
       return later(std::max(wait_us, kRefusalWaitUs),
                    [this, why = holder_wait_us.error().message] { answer_limit(why, kMaxRequestWaitS); });
@@ -215,6 +215,9 @@ class HttpSession final : public HttpConnection {
 
   /// Whether the request asks for a WebSocket of this broker (RFC 6455, 4.2.1).
   bool is_upgrade(bool any_protocol) {
+    if (has_body()) {
+      return refuse(HttpStatus::kBadRequest, ErrorCode::kInvalidArgument, "a request for a WebSocket has no body");
+    }
     if (!is_websocket_upgrade()) {
       return refuse(HttpStatus::kUpgradeRequired, ErrorCode::kInvalidArgument,
                     "this is a WebSocket: connect with ws://", {{"Upgrade", "websocket"}});

@@ -289,6 +289,29 @@ class HttpAccess(unittest.TestCase):
                         {"Host": "127.0.0.1.evil.example:7490"}):
                 self.assertEqual(ask(port, "GET", target, headers=bad)[0], 401, (target, bad))
 
+    def test_a_request_names_one_host(self):
+        data, admin = self.start()
+        for port, target in ((data, "/v1/streams"), (admin, "/metrics"), (data, "/nothing")):
+            def status(version, *fields):
+                with socket.create_connection(("127.0.0.1", port), timeout=60) as sock:
+                    sock.sendall("\r\n".join((f"GET {target} HTTP/{version}", *fields, "", "")).encode() * 2)
+                    answers = b"".join(iter(lambda: sock.recv(65536), b""))
+                return [int(code) for code in re.findall(rb"^HTTP/1.1 (\d+)", answers, re.MULTILINE)]
+            good = 404 if target == "/nothing" else 200
+            self.assertEqual(status("1.0"), [good])
+            self.assertEqual(status("1.1", "Host: localhost", "Connection: close"), [good])
+            for bad in ([], ["Host: localhost", "host: localhost"], ["Host: 127.0.0.1%x.evil"], ["Host: [::1%1]"], ["Host: [::1].evil"],
+                        ["Host: localhost:x"], ["Host: a b"], ["Host: a/b"], ["Host: user@localhost"]):
+                self.assertEqual(status("1.1", *bad), [400], bad)
+
+    def test_an_upgrade_has_no_body(self):
+        data, _ = self.start()
+        for field in ("Content-Length: 5", "Transfer-Encoding: chunked"):
+            peer = Peer(data, "/v1/subscribe", "eigencast.v1", [field])
+            self.assertEqual(peer.status, 400)
+            self.assertIn("Connection: close", peer.head)
+            peer.sock.close()
+
     def test_a_reload_that_comes_too_late_ends_nothing(self):
         for _ in range(3):
             broker = Broker(BROKER)
@@ -585,7 +608,7 @@ class Logs(unittest.TestCase):
                             sock.sendall(b"GET /v1/streams HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
                             sock.recv(65536)
             log = (self.folder / style).read_bytes()
-            self.assertIn(b"access.hosts", log)
+            self.assertIn(b"Host header", log)
             self.assertIn(b"\\u009b31m", log)
             self.assertNotRegex(log, b"[\x00-\x09\x0b-\x1f\x7f\x80-\x9f]", style)
             self.assertNotIn("\u202e".encode(), log)

@@ -147,6 +147,7 @@ Answer http_request(std::uint16_t port, const std::string& method, const std::st
   asio::io_context loop;
   auto socket = connected(loop, port);
   http::request<http::string_body> out(http::string_to_verb(method), target, 11, body);
+  out.set(http::field::host, "localhost");
   if (!range.empty()) out.set(http::field::range, range);
   out.prepare_payload();
   ErrorOf error;

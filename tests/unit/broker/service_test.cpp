@@ -521,7 +521,7 @@ TEST_F(ServiceTest, StoppingUnderLoadIsClean) {
   auto publisher = sender("a");
   Client viewer(port_, "/v1/subscribe/a");
   Wire upload(port_);
-  upload.write("PUT /v1/assets/" + asset_ + " HTTP/1.1\r\nContent-Length: 9\r\n\r\nhalf");
+  upload.write("PUT /v1/assets/" + asset_ + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\nhalf");
   viewer.wait_for<control::StreamInfo>();
   begin_to_stop();
   begin_to_stop();

@@ -154,7 +154,8 @@ TEST_F(GateTest, ReboundNameIsNeitherLocalNorMonitor) {
       EXPECT_TRUE(read_as(peer, own)) << own;
     }
     for (const char* foreign : {"evil.example", "evil.example:7491", "localhost.evil.example", "127.0.0.1.evil.example",
-                                "[evil.example]:7491", ":7491", "broker"}) {
+                                "[evil.example]:7491", ":7491", "broker", "127.0.0.1%x.evil", "[::1%x.evil]",
+                                "[::1].evil.example", "[::1", "127.0.0.1:x", "user@127.0.0.1"}) {
       EXPECT_FALSE(read_as(peer, foreign)) << foreign;
     }
   }
@@ -393,6 +394,43 @@ TEST_F(GateTest, ReloadRevokesGrants) {
   config_.access.jwt_secret = "another secret of at least 32 bytes";
   reload();
   EXPECT_TRUE(signed_one->is_void()) << "the key has changed";
+}
+
+TEST_F(GateTest, ReloadEndsPagesNoLongerListed) {
+  config_.access.anonymous = "anywhere";
+  config_.access.origins = {"https://viewer.example", "https://*.lab.example"};
+  const auto page = [&](const std::string& origin, const std::string& token = {}) {
+    auto request = request_from("8.8.8.8", token);
+    request.origin = origin;
+    return let_in(request);
+  };
+  const auto anonymous = page("https://viewer.example");
+  const auto with_token = page("https://viewer.example", token_for("a", {}, {"**"}));
+  const auto other = page("https://a.lab.example");
+  const auto own = page("http://127.0.0.1:7490");
+  reload();
+  EXPECT_FALSE(anonymous->is_void() || with_token->is_void() || other->is_void() || own->is_void());
+  config_.access.origins = {"https://*.lab.example"};
+  reload();
+  EXPECT_TRUE(anonymous->is_void());
+  EXPECT_TRUE(with_token->is_void());
+  EXPECT_FALSE(other->is_void());
+  EXPECT_FALSE(own->is_void()) << "a page of the broker's host needs no listing";
+}
+
+TEST_F(GateTest, StrangersOfAProxyPayForThemselves) {
+  config_.proxy.trusted = {"10.0.0.1"};
+  config_.per_address.requests_per_s = 1;
+  const auto pays = [&](const char* peer, const char* client) {
+    auto request = request_from(peer);
+    request.forwarded.x_forwarded_for = client;
+    return gate().stranger(request, 0)->take_request(0, 0, 0).has_value();
+  };
+  EXPECT_TRUE(pays("10.0.0.1", "1.1.1.1"));
+  EXPECT_FALSE(pays("10.0.0.1", "1.1.1.1"));
+  EXPECT_TRUE(pays("10.0.0.1", "2.2.2.2"));
+  EXPECT_TRUE(pays("8.8.8.8", "3.3.3.3"));
+  EXPECT_FALSE(pays("8.8.8.8", "4.4.4.4")) << "a claim of a stranger counts for nothing";
 }
 
 TEST_F(GateTest, ReloadedLimitsApplyToExistingGrants) {

@@ -28,7 +28,11 @@ TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
   EXPECT_EQ(part.status, 206);
   EXPECT_EQ(part.body, "234");
   EXPECT_EQ(part.headers.at("Content-Range"), "bytes 2-4/10");
-  EXPECT_EQ(request("GET", target, {}, "bytes=10-").status, 416);
+  const auto beyond = request("GET", target, {}, "bytes=10-");
+  EXPECT_EQ(beyond.status, 416);
+  EXPECT_EQ(beyond.headers.at("Content-Range"), "bytes */10");
+  EXPECT_EQ(beyond.headers.count("Cache-Control"), 0u) << "a cache would keep the error";
+  EXPECT_EQ(beyond.headers.count("ETag"), 0u);
   const auto head = request("HEAD", target);
   EXPECT_EQ(head.status, 200);
   EXPECT_EQ(head.headers.at("ETag"), "\"" + id + "\"");
@@ -42,6 +46,31 @@ TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
   const std::string empty = put_asset("");
   EXPECT_EQ(request("GET", "/v1/assets/" + empty).body, "");
   EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"streams\":[]"));
+}
+
+TEST_F(HttpSessionTest, AnswersVaryByOrigin) {
+  const std::string target = "/v1/assets/" + put_asset("0123456789");
+  for (const std::string& what : {target, std::string("/v1/streams"), std::string("/nothing")}) {
+    EXPECT_EQ(request("GET", what).headers.at("Vary"), "Origin") << what << ": asked without an origin";
+  }
+}
+
+TEST_F(HttpSessionTest, RefusedRequestsOfAProxyCountForItsClients) {
+  stop();
+  config_.access.anonymous = "anywhere";
+  config_.proxy.trusted = {"127.0.0.1"};
+  config_.per_address.requests_per_s = 1;
+  start();
+  const auto ask = [&](const std::string& line, const std::string& client) {
+    auto wire = std::make_unique<Wire>(port_);
+    wire->write(line + " HTTP/1.1\r\nHost: localhost\r\nX-Forwarded-For: " + client + "\r\nConnection: close\r\n\r\n");
+    return wire;
+  };
+  std::vector<std::unique_ptr<Wire>> flood;
+  for (int i = 0; i < 40; ++i) flood.push_back(ask("GET /nothing", "192.0.2.1"));
+  const auto another = ask("OPTIONS /v1/streams", "192.0.2.2");
+  EXPECT_THAT(another->read_all().value_or("reset"), StartsWith("HTTP/1.1 204"));
+  EXPECT_THAT(flood.back()->read_all().value_or("reset"), StartsWith("HTTP/1.1 429"));
 }
 
 TEST_F(HttpSessionTest, StreamListGoesOnAfterAName) {
@@ -62,7 +91,8 @@ TEST_F(HttpSessionTest, RequestsOfAnAddressHaveARate) {
   int refused = 0;
   for (int i = 0; i < 100; ++i) {
     wires.push_back(std::make_unique<Wire>(port_));
-    wires.back()->write("GET /v1/assets/" + std::string(64, '0') + " HTTP/1.1\r\nConnection: close\r\n\r\n");
+    wires.back()->write("GET /v1/assets/" + std::string(64, '0') +
+                        " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   }
   for (const auto& wire : wires) refused += wire->read_all().value_or("").starts_with("HTTP/1.1 429") ? 1 : 0;
   EXPECT_GT(refused, 0);
@@ -95,9 +125,9 @@ TEST_F(HttpSessionTest, RequestsOfAConnectionWaitTheirTurn) {
   start();
   Wire wire(port_);
   std::string requests;
-  for (int i = 0; i < 29; ++i) requests += "GET /v1/streams HTTP/1.1\r\n\r\n";
+  for (int i = 0; i < 29; ++i) requests += "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n";
   const TimeUs began_us = steady_now_us();
-  wire.write(requests + "GET /v1/streams HTTP/1.1\r\nConnection: close\r\n\r\n");
+  wire.write(requests + "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   const std::string answers = wire.read_all().value_or("reset");
   EXPECT_GE(steady_now_us() - began_us, 1'900'000) << "ten at once, ten a second";
   std::size_t count = 0;
@@ -109,10 +139,11 @@ TEST_F(HttpSessionTest, RequestsOfAConnectionWaitTheirTurn) {
 
 TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
   const std::string id = put_asset("0123456789");
-  const std::string inner = "GET /v1/streams HTTP/1.1\r\n\r\n";
+  const std::string inner = "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n";
   for (const std::string& target : {"/v1/assets/" + id, std::string("/v1/streams"), std::string("/nothing")}) {
     Wire wire(port_);
-    wire.write("GET " + target + " HTTP/1.1\r\nContent-Length: " + std::to_string(inner.size()) + "\r\n\r\n" + inner);
+    wire.write("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: " + std::to_string(inner.size()) +
+               "\r\n\r\n" + inner);
     const auto answers = wire.read_all();
     ASSERT_TRUE(answers) << target;
     EXPECT_EQ(answers->find("HTTP/1.1 "), answers->rfind("HTTP/1.1 ")) << *answers;
@@ -121,12 +152,12 @@ TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
 }
 
 TEST_F(HttpSessionTest, UnknownTransferCodingIsNotImplemented) {
-  const std::string inner = "GET /v1/streams HTTP/1.1\r\n\r\n";
+  const std::string inner = "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n";
   for (const std::string coding : {"gzip", "identity", "xchunked", "chunked, gzip", "gzip, chunked", "",
                                    "chunked\r\nTransfer-Encoding: gzip", "gzip\r\nContent-Length: 5"}) {
     for (const std::uint16_t port : {port_, admin_port_}) {
       Wire wire(port);
-      wire.write("GET /v1/streams HTTP/1.1\r\nTransfer-Encoding: " + coding + "\r\n\r\n" + inner);
+      wire.write("GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: " + coding + "\r\n\r\n" + inner);
       const std::string answers = wire.read_all().value_or("reset");
       EXPECT_THAT(answers, AnyOf(StartsWith("HTTP/1.1 501"), StartsWith("HTTP/1.1 400"))) << coding;
       EXPECT_EQ(answers.rfind("HTTP/1.1 "), 0u) << "the rest is not a request: " << answers;
@@ -134,7 +165,8 @@ TEST_F(HttpSessionTest, UnknownTransferCodingIsNotImplemented) {
     }
   }
   Wire gzip(port_);
-  gzip.write("PUT /v1/assets/" + std::string(64, 'a') + " HTTP/1.1\r\nTransfer-Encoding: gzip\r\n\r\nx");
+  gzip.write("PUT /v1/assets/" + std::string(64, 'a') +
+             " HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip\r\n\r\nx");
   EXPECT_THAT(gzip.read_all().value_or("reset"), StartsWith("HTTP/1.1 501"));
   Wire old(port_);
   old.write("GET /v1/streams HTTP/1.0\r\nConnection: keep-alive\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" +

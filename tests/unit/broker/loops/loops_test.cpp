@@ -195,7 +195,8 @@ TEST_F(LoopsTest, UploadCompletesWhileStopping) {
   const std::string content(50'000, 'x');
   Wire upload(port_);
   upload.write("PUT /v1/assets/" + name_of_asset(content) +
-               " HTTP/1.1\r\nConnection: close\r\nContent-Length: 50000\r\n\r\n" + content.substr(0, 20'000));
+               " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: 50000\r\n\r\n" +
+               content.substr(0, 20'000));
   while (metric("eigencast_broker_uploads") != 1) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   begin_to_stop();
   upload.write(content.substr(20'000));
