@@ -714,6 +714,53 @@ class Files(unittest.TestCase):
                 self.assertTrue(handshake(good).startswith("ECDHE-RSA-"), good)
 
 
+class Inherited(unittest.TestCase):
+    """Sockets that systemd hands over."""
+
+    def start(self, names, *sockets):
+        folder = self.enterContext(tempfile.TemporaryDirectory())
+        hand_over = "import os, sys; os.environ.update(LISTEN_PID=str(os.getpid())); os.execv(sys.argv[1], sys.argv[1:])"
+        command = [sys.executable, "-c", hand_over, BROKER, "--admin-listen=127.0.0.1:0", f"--data-dir={folder}"]
+        places = range(3, 3 + len(sockets))
+        high = [fcntl.fcntl(one, fcntl.F_DUPFD, 20) for one in sockets]
+
+        def place():
+            for fd, to in zip(high, places):
+                os.dup2(fd, to)
+        broker = subprocess.Popen(command, preexec_fn=place, pass_fds=places, stderr=subprocess.PIPE, text=True,
+                                  env=dict(os.environ, LISTEN_FDS=str(len(sockets)), LISTEN_FDNAMES=":".join(names)))
+        for fd in high:
+            os.close(fd)
+        self.addCleanup(broker.communicate)
+        self.addCleanup(broker.terminate)
+        return broker
+
+    def listening(self, family=socket.AF_INET, address=("127.0.0.1", 0), protocol=0):
+        try:
+            one = socket.socket(family, socket.SOCK_STREAM, protocol)
+        except OSError:
+            return None  # This kernel has no such protocol.
+        self.addCleanup(one.close)
+        one.bind(address)
+        one.listen()
+        return one
+
+    def test_only_tcp_is_taken(self):
+        tcp = self.listening()
+        self.start(["data"], tcp)
+        self.assertEqual(ask(tcp.getsockname()[1], "GET", "/v1/streams")[0], 200)
+        strange = [self.listening(socket.AF_UNIX, "\0eigencast-" + os.urandom(8).hex()), self.listening(protocol=262),
+                   self.listening(protocol=132)]  # MPTCP and SCTP.
+        for one in filter(None, strange):
+            for names, sockets in ((["data"], [one]), (["data", "admin"], [self.listening(), one])):
+                broker = self.start(names, *sockets)
+                self.assertEqual(broker.wait(60), 2, (names, one))
+
+    def test_a_name_is_given_once(self):
+        broker = self.start(["data", "data"], self.listening(), self.listening())
+        self.assertEqual(broker.wait(60), 2)
+
+
 class Monitors(unittest.TestCase):
     start = HttpAccess.start
 
