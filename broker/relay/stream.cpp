@@ -9,6 +9,7 @@
 #include "broker/relay/profile_budget.h"
 #include "broker/websocket/protocol.h"
 #include "common/core/share.h"
+#include "common/wire/limits.h"
 
 namespace eigencast::broker {
 namespace {
@@ -27,8 +28,8 @@ Profile canonical(Profile profile) {
   return profile;
 }
 
-std::shared_ptr<const std::string> framed_text(const control::Trace& trace) {
-  return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, text_from_control(trace)));
+std::shared_ptr<const std::string> framed_text(const std::string& json) {
+  return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, json));
 }
 
 }  // namespace
@@ -302,7 +303,9 @@ void Stream::relay_trace(const control::Trace& trace) {
   control::Trace relayed = trace;
   relayed.stream_id = id_;
   relayed.epoch = present_.epoch;
-  const auto text = framed_text(relayed);
+  const std::string json = text_from_control(relayed);
+  if (json.size() > limits::kMaxControlBytes) return;  // Numbers of this broker made it longer than viewers take.
+  const auto text = framed_text(json);
   for (Watcher* watcher : order_) {
     if (tracer_.is_wanted_by(watcher, trace.sequence)) watcher->on_trace(text);
   }
@@ -324,7 +327,7 @@ void Stream::send_traces(Group& group) {
   for (const FramePtr& frame : group.traced) {
     const auto trace = tracer_.trace_of(*frame);
     if (!trace) continue;
-    const auto text = framed_text(*trace);
+    const auto text = framed_text(text_from_control(*trace));
     for (Watcher* watcher : group.watchers) {
       if (tracer_.is_wanted_by(watcher, trace->sequence)) watcher->on_trace(text);
     }

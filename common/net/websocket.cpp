@@ -338,8 +338,10 @@ class BeastWebSocket final : public WebSocket {
       if (link->socket.got_binary()) {
         if (events_.on_binary) events_.on_binary(ByteView(first, data.size()));
       } else if (data.size() > limits::kMaxControlBytes) {
-        const std::string what = where_ + " sent a control message of " + std::to_string(data.size()) + " bytes";
-        return down(link, {fail(ErrorCode::kTooLarge, what + "; the limit is 65536"), true});
+        // Others may have made it so long through a broker that lets them: it costs that message only.
+        log(log_, LogLevel::kWarning,
+            where_ + " sent a control message of " + std::to_string(data.size()) +
+                " bytes, which is ignored: the limit is 65536");
       } else if (events_.on_text) {
         events_.on_text(std::string_view(static_cast<const char*>(data.data()), data.size()));
       }

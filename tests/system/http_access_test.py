@@ -520,6 +520,22 @@ class HttpAccess(unittest.TestCase):
         self.assertEqual(announce(data, "real", "camera")[1]["op"], "announced")
         self.assertEqual(answers, 4 * ["announced"] + 4 * ["error"])
 
+    def test_a_trace_does_not_grow_beyond_what_viewers_take(self):
+        data, _ = self.start_with_asset()
+        sender, _ = announce(data, "real", "camera")
+        viewer = connect(data, "/v1/subscribe/real?rate=raw")
+        hear(viewer, "stream")
+        order(viewer, "trace_request", stream="real", every=1)
+        hear(sender, "trace_request")
+
+        def trace(sequence, last=""):
+            stages = [{"stage": "x" * 4000 * bool(last), "time_us": 1}] * 16 + [{"stage": last, "time_us": 1}]
+            return json.dumps({"op": "trace", "stream_id": 0, "sequence": sequence, "stages": stages}, separators=(",", ":")).encode()
+        longest = trace(1, "y" * (65536 - len(trace(1, "y")) + 1))
+        self.assertEqual(len(longest), 65536)
+        sender.send(frame(TEXT, longest), frame(TEXT, trace(2)))
+        self.assertEqual(hear(viewer, "trace")["sequence"], 2, "the broker's stream id and epoch would make the first longer")
+
     def test_download_bytes_per_address_are_limited(self):
         body, name = payloads.asset()
         asset = f"/v1/assets/{name}"

@@ -190,6 +190,18 @@ TEST(BrokerConnection, SingleStreamIsNamedInTheUrl) {
   EXPECT_TRUE(broker.received<control::Subscribe>().empty());
 }
 
+TEST(BrokerConnection, TooLongControlMessageCostsItselfOnly) {
+  control::Trace trace;
+  trace.stages.assign(16, {std::string(4096, 'x'), 1});
+  const std::string too_long = text_from_control(trace);
+  ASSERT_GT(too_long.size(), limits::kMaxControlBytes);
+  ScriptedBroker broker({{too_long, std::string(200'000, '['), waiting("live/ball", 7)}});
+  const auto subscriber = watch(broker.url("live/ball"));
+  ASSERT_TRUE(eventually([&] { return state_of(*subscriber) == Subscriber::State::kWaiting; }));
+  ASSERT_TRUE(eventually([&] { return !broker.received<control::Ping>().empty(); }));
+  EXPECT_EQ(broker.targets().size(), 1u) << "one connection";
+}
+
 TEST(BrokerConnection, DestroyedSubscriberUnsubscribes) {
   ScriptedBroker broker({{}, [](const std::string& stream) { return waiting(stream, 7); }});
   const auto stays = watch(broker.url("stays"));
