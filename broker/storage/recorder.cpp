@@ -7,6 +7,7 @@
 #include <exception>
 #include <filesystem>
 #include <optional>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -22,9 +23,15 @@ using std::chrono::milliseconds;
 constexpr std::string_view kSuffix = ".ecrec";
 constexpr milliseconds kFlushEvery{200};
 constexpr TimeUs kSyncEveryUs = 1'000'000;
+constexpr TimeUs kRecountEveryUs = 60'000'000;
 constexpr TimeUs kCheckpointEveryUs = 1'000'000;
 constexpr std::size_t kEndedKept = 100;
 constexpr std::size_t kItemBytes = 200;  ///< Approximate size of a queue entry without its payload.
+
+/// What a file takes of the quotas: many small ones cost a folder, and this memory, too.
+constexpr std::uint64_t file_cost(std::uint64_t bytes) {
+  return std::max(charge_of(bytes), std::uint64_t{64} << 10);
+}
 
 std::uint64_t unix_us() {
   return static_cast<std::uint64_t>(
@@ -81,8 +88,11 @@ struct Recorder::Session {
   std::optional<recording::Writer> writer;
   CoefficientLayout layout;
   std::string asset;
+  std::string holder;        ///< Pays for what is written from now on.
+  std::set<Sha256> objects;  ///< In the file.
   TimeUs start_us = 0;
   std::uint64_t written = 0;  ///< Bytes already counted in the totals.
+  std::uint64_t charged = 0;  ///< The same, as the quotas count.
 };
 
 struct Recorder::Item {
@@ -94,6 +104,7 @@ struct Recorder::Item {
   std::uint64_t dropped = 0;      ///< Keys dropped before this one.
   control::Announce announced{};  ///< kAnnounce
   CoefficientLayout layout{};
+  std::string holder{};
   std::size_t bytes = 0;
 };
 
@@ -127,7 +138,7 @@ Result<void> Recorder::start(std::string_view stream) {
   if (totals_.stored_bytes >= settings_.max_total_bytes) {
     return fail(ErrorCode::kTooLarge, "the recordings take " + std::to_string(totals_.stored_bytes) +
                                           " bytes, all that recording.max_total_bytes allows: remove some of " +
-                                          settings_.folder);
+                                          settings_.folder + " and try again a minute later");
   }
   add(stream, false);
   return {};
@@ -161,7 +172,7 @@ void Recorder::on_announced(const Stream& stream) {
   const auto found = sessions_.find(stream.name());
   if (found != sessions_.end()) return announce(found->second, stream);
   const bool wanted = settings_.streams.matches(stream.name());
-  if (wanted && totals_.stored_bytes < settings_.max_total_bytes) announce(add(stream.name(), true), stream);
+  if (wanted && used_up(stream.holder().key) == nullptr) announce(add(stream.name(), true), stream);
 }
 
 void Recorder::announce(const SessionPtr& session, const Stream& stream) {
@@ -171,6 +182,7 @@ void Recorder::announce(const SessionPtr& session, const Stream& stream) {
         .session = session,
         .announced = stream.announcement(),
         .layout = stream.layout(),
+        .holder = stream.holder().key,
         .bytes = kItemBytes});
 }
 
@@ -225,7 +237,7 @@ void Recorder::run() {
   } catch (const std::exception& exception) {
     log(log_, LogLevel::kError, std::string("looking through the recordings failed: ") + exception.what());
   }
-  TimeUs synced_us = steady_now_us();
+  TimeUs synced_us = steady_now_us(), counted_us = synced_us;
   for (bool last = false; !last;) {
     std::deque<Item> items;
     {
@@ -246,13 +258,15 @@ void Recorder::run() {
     const bool sync = last || steady_now_us() - synced_us >= kSyncEveryUs;
     if (sync) synced_us = steady_now_us();
     flush_all(sync);
+    if (steady_now_us() - counted_us < kRecountEveryUs) continue;
+    counted_us = steady_now_us();
+    recount();
   }
 }
 
 void Recorder::repair() {
   std::error_code error;
   fs::create_directories(settings_.folder, error);
-  std::uint64_t stored = 0;
   for (fs::directory_iterator it(settings_.folder, error), end; !error && it != end; it.increment(error)) {
     const std::string path = it->path().string();
     if (!path.ends_with(kSuffix)) continue;
@@ -264,11 +278,42 @@ void Recorder::repair() {
           path + ": was cut off; repaired with " + std::to_string(recovered->frames) + " frames, " +
               std::to_string(recovered->cut_bytes) + " bytes of a torn one removed");
     }
-    std::error_code ignored;
-    if (const auto size = fs::file_size(path, ignored); !ignored) stored += size;
   }
+  recount();
+}
+
+/// Finds what others removed.
+void Recorder::recount() {
+  std::map<std::string, std::string> still_there;
+  std::map<std::string, std::uint64_t> holders;
+  std::uint64_t stored = 0;
+  std::error_code error;
+  for (fs::directory_iterator it(settings_.folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string path = it->path().string();
+    std::error_code gone;
+    const std::uint64_t size = fs::file_size(path, gone);
+    if (gone || !path.ends_with(kSuffix)) continue;
+    stored += file_cost(size);
+    if (const auto known = holder_of_.find(path); known != holder_of_.end()) {
+      holders[known->second] += file_cost(size);
+      still_there.insert(*known);
+    }
+  }
+  if (error) return;
+  holder_of_.swap(still_there);
   const std::lock_guard lock(mutex_);
-  totals_.stored_bytes += stored;
+  totals_.stored_bytes = stored;
+  holders_.swap(holders);
+}
+
+/// The quota that leaves this holder nothing; null: there is room. REQUIRES: mutex_ is held.
+const char* Recorder::used_up(const std::string& holder) const {
+  const std::uint64_t max = settings_.max_total_bytes;
+  const auto held = holders_.find(holder);
+  const std::uint64_t share = max / 100 * settings_.max_share_percent + max % 100 * settings_.max_share_percent / 100;
+  if (totals_.stored_bytes >= max) return "the recordings take all that recording.max_total_bytes allows";
+  if (held == holders_.end() || held->second < share) return nullptr;
+  return "those of its sender's token or address take their share (recording.max_share_percent)";
 }
 
 void Recorder::work(Item& item) {
@@ -277,8 +322,12 @@ void Recorder::work(Item& item) {
     case Item::Kind::kAnnounce:
       session.layout = item.layout;
       session.asset = item.announced.asset;
+      if (session.writer) note(session);
+      session.holder = item.holder;
       if (!session.writer) open(session);
       if (!session.writer) return;
+      holder_of_[session.info.file] = item.holder;
+      if (std::find(open_.begin(), open_.end(), item.session) == open_.end()) open_.push_back(item.session);
       (void)session.writer->announce(session.writer->duration_us(), text_from_control(item.announced));
       if (settings_.include_asset) write_asset(session);
       return;
@@ -320,17 +369,22 @@ void Recorder::open(Session& session) {
 
 void Recorder::write_asset(Session& session) {
   const auto id = Sha256::from_hex(session.asset);
-  if (!id) return;
+  if (!id || session.objects.contains(*id)) return;
   const auto parts = assets_.references_of(*id);
   if (!parts) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + parts.error().message);
   std::vector<Sha256> all = *parts;
   all.push_back(*id);  // The manifest last, as in uploads.
   for (const Sha256& part : all) {
+    if (session.objects.contains(part)) continue;
     const auto bytes = assets_.bytes_of(part);
     if (!bytes) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + bytes.error().message);
     if (auto ok = session.writer->object(session.writer->duration_us(), part.digest, *bytes); !ok) {
       return fail_session(session, ok.error());
     }
+    session.objects.insert(part);
+    note(session);
+    const std::lock_guard lock(mutex_);
+    if (used_up(session.holder) != nullptr) return;  // flush_all() ends it.
   }
 }
 
@@ -352,7 +406,6 @@ void Recorder::write_key(const Item& item) {
     if (!join) return fail_session(session, join.error());
     (void)session.writer->checkpoint(time_us, (*join)->message());
   }
-  if (std::find(open_.begin(), open_.end(), item.session) == open_.end()) open_.push_back(item.session);
 }
 
 void Recorder::flush_all(bool sync) {
@@ -365,19 +418,21 @@ void Recorder::flush_all(bool sync) {
     }
     note(*session);
     const std::lock_guard lock(mutex_);
-    if (totals_.stored_bytes <= settings_.max_total_bytes || !sessions_.contains(session->stream)) continue;
-    log(log_, LogLevel::kError,
-        "recording of '" + session->stream +
-            "' stopped: the recordings take all that recording.max_total_bytes allows");
+    const char* why = used_up(session->holder);
+    const auto found = sessions_.find(session->stream);
+    if (why == nullptr || found == sessions_.end() || found->second != session) continue;
+    log(log_, LogLevel::kError, "recording of '" + session->stream + "' stopped: " + why);
     end(session);
   }
 }
 
 void Recorder::note(Session& session) {
   const std::lock_guard lock(mutex_);
-  const std::uint64_t grown = session.writer->bytes() - std::exchange(session.written, session.writer->bytes());
-  totals_.bytes += grown;
+  const std::uint64_t bytes = session.writer->bytes();
+  const std::uint64_t grown = file_cost(bytes) - std::exchange(session.charged, file_cost(bytes));
+  totals_.bytes += bytes - std::exchange(session.written, bytes);
   totals_.stored_bytes += grown;
+  holders_[session.holder] += grown;
   totals_.frames += session.writer->frames() - session.info.frames;
   session.info.bytes = session.writer->bytes();
   session.info.frames = session.writer->frames();

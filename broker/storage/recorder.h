@@ -36,7 +36,8 @@ inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting",
 
 /// Records streams into files (docs/recording-format.md), one file each, on its own thread.
 /// Keys beyond the bound of the queue are dropped, counted, logged and bridged by a checkpoint: recording never delays
-/// a frame. If the disk fails or is full, the recording ends and streaming continues. Thread-safe.
+/// a frame. If the disk fails or is full, or a quota is used up, the recording ends and streaming continues. Files of
+/// earlier runs count towards the quota of all, and are no holder's. Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {
@@ -46,6 +47,7 @@ class Recorder final : public StreamTap {
     bool include_asset = false;  ///< Include the asset's objects.
     std::uint64_t max_queued_bytes = 16u << 20;
     std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all recordings in the folder.
+    std::uint64_t max_share_percent = 50;                     ///< Of that, for what one sender's holder made.
   };
   struct Totals {
     std::uint64_t active = 0;
@@ -54,7 +56,7 @@ class Recorder final : public StreamTap {
     std::uint64_t dropped = 0;
     std::uint64_t bytes = 0;  ///< Written in this run.
     std::uint64_t queued_bytes = 0;
-    std::uint64_t stored_bytes = 0;  ///< All files in the folder.
+    std::uint64_t stored_bytes = 0;  ///< All files in the folder as the quotas count them, anew each minute.
   };
 
   /// Starts the thread, which first repairs recordings torn by a crash.
@@ -86,6 +88,8 @@ class Recorder final : public StreamTap {
   void end(const SessionPtr& session);
   void run();
   void repair();
+  void recount();
+  const char* used_up(const std::string& holder) const;
   void work(Item& item);
   void open(Session& session);
   void write_asset(Session& session);
@@ -98,8 +102,9 @@ class Recorder final : public StreamTap {
   const Settings settings_;
   AssetStore& assets_;
   const LogSink log_;
-  std::vector<SessionPtr> open_;          ///< Belongs to the thread: sessions with open files.
-  std::atomic<std::uint64_t> active_{0};  ///< Zero lets on_key() return at once.
+  std::vector<SessionPtr> open_;                  ///< Belongs to the thread: sessions with open files.
+  std::map<std::string, std::string> holder_of_;  ///< Belongs to the thread: holders by file.
+  std::atomic<std::uint64_t> active_{0};          ///< Zero lets on_key() return at once.
 
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_), all that follows.
@@ -108,6 +113,7 @@ class Recorder final : public StreamTap {
   std::deque<Item> queue_;
   std::deque<RecordingInfo> ended_;
   Totals totals_;
+  std::map<std::string, std::uint64_t> holders_;  ///< What their recordings are charged.
   bool stopping_ = false;
   std::thread thread_;
 };

@@ -8,8 +8,10 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <list>
 #include <mutex>
 
+#include "broker/relay/hub.h"
 #include "common/recording/reader.h"
 #include "common/recording/writer.h"
 #include "tests/support/process.h"
@@ -19,6 +21,7 @@ namespace eigencast::broker {
 namespace {
 
 using ::eigencast::testing::eventually;
+using testing::FakeAccount;
 using testing::FakeSender;
 using ::testing::HasSubstr;
 using testing::key_number;
@@ -50,6 +53,12 @@ class RecorderTest : public ::testing::Test {
   }
   void send(int keys) {
     for (int i = 0; i < keys; ++i, now_us_ += 33'000) ASSERT_TRUE(stream_->add_frame(sender_.next(now_us_), now_us_));
+  }
+  Sha256 put(const Bytes& bytes) {
+    auto upload = assets_->begin_upload(sha256(bytes)).value();
+    EXPECT_TRUE(upload->write(bytes));
+    EXPECT_TRUE(upload->commit());
+    return sha256(bytes);
   }
   void end() {
     stream_.reset();
@@ -100,6 +109,7 @@ class RecorderTest : public ::testing::Test {
   std::unique_ptr<Recorder> recorder_;
   std::unique_ptr<Stream> stream_;
   FakeSender sender_;
+  std::list<FakeSender> senders_;
   std::string asset_ = std::string(64, 'a');
   std::uint32_t epoch_ = 0;
   TimeUs now_us_ = 1'000'000;
@@ -182,12 +192,6 @@ TEST_F(RecorderTest, SlowDiskDropsAndBridgesFrames) {
 
 TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {
   settings_.include_asset = true;
-  const auto put = [&](const Bytes& bytes) {
-    auto upload = assets_->begin_upload(sha256(bytes)).value();
-    EXPECT_TRUE(upload->write(bytes));
-    EXPECT_TRUE(upload->commit());
-    return sha256(bytes);
-  };
   const Sha256 chunk = put(Bytes(1000, 7));
   Bytes list(5, 1);
   ByteWriter(list).bytes(chunk.digest);
@@ -203,6 +207,60 @@ TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {
   const auto first = reader->object_at(objects[0]).value();
   EXPECT_EQ(Bytes(first.body.begin(), first.body.begin() + 32), Bytes(chunk.digest.begin(), chunk.digest.end()));
   EXPECT_EQ(sha256(ByteView(first.body).subspan(32)), chunk);
+}
+
+TEST_F(RecorderTest, AssetIsStoredOnceHoweverOftenAnnounced) {
+  settings_.include_asset = true;
+  const Sha256 chunk = put(Bytes(100'000, 7));
+  const auto manifest = [&](std::uint8_t number) {
+    Bytes list(5, number);
+    ByteWriter(list).bytes(chunk.digest);
+    return put(list).hex();
+  };
+  start();
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  for (int i = 0; i < 30; ++i) {
+    asset_ = manifest(static_cast<std::uint8_t>(i % 3));
+    announce();
+    send(1);
+  }
+  end();
+  const auto objects = recording::Reader::open(files().at(0))->object_offsets().value();
+  EXPECT_EQ(objects.size(), 4u) << "three manifests and the chunk that they share";
+  EXPECT_LT(std::filesystem::file_size(files()[0]), 150'000u);
+}
+
+TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
+  settings_.include_asset = true;
+  settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
+  settings_.max_total_bytes = 1'000'000;
+  start();
+  Hub hub({.stream = {.taps = {assets_.get(), recorder_.get()}}});
+  const auto announce_as = [&](const std::string& name, const std::string& holder, std::size_t asset_bytes) {
+    auto& sender = senders_.emplace_back();
+    Stream& stream = *hub.open(name).value();
+    EXPECT_TRUE(stream.claim(sender));
+    EXPECT_TRUE(hub.admit(stream, {holder, false}, FakeAccount().charge()));
+    control::Announce announce = small_announce();
+    announce.asset = put(Bytes(asset_bytes, static_cast<std::uint8_t>(name.size()))).hex();
+    EXPECT_TRUE(stream.announce(announce, ++epoch_));
+    return &stream;
+  };
+  announce_as("good", "camera", 10'000);
+  announce_as("greedy", "other", 600'000);
+  const auto is_recording = [&](const std::string& name) {
+    const auto list = recorder_->list();
+    return std::any_of(list.begin(), list.end(), [&](const RecordingInfo& info) {
+      return info.stream == name && info.state == RecordingInfo::State::kRecording;
+    });
+  };
+  EXPECT_TRUE(eventually([&] { return is_recording("good") && recorder_->totals().active == 1; })) << log();
+  EXPECT_FALSE(is_recording("greedy"));
+  EXPECT_THAT(log(), HasSubstr("recording.max_share_percent"));
+  announce_as("greedy/again", "other", 10);
+  EXPECT_EQ(recorder_->totals().active, 1u) << "no file anew for what is over its share";
+  announce_as("third", "third", 10);
+  EXPECT_EQ(recorder_->totals().active, 2u);
 }
 
 TEST_F(RecorderTest, FullDiskEndsOnlyTheRecording) {
