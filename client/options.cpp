@@ -274,7 +274,9 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
        "file in which the window remembers its size and switches; \"\": nowhere (default: "
        "~/.config/eigencast/viewer.json)"},
       {"--wait", &options.wait_s, "headless: seconds to wait for the first pose", Range{0, 1e7}, true},
-      {"--cache", &options.cache_dir, "folder for downloaded models; \"\" keeps none (default: ~/.cache/eigencast)"},
+      {"--cache", &options.cache_dir,
+       "folder for downloaded models, up to $EIGENCAST_CACHE_BYTES (4 GiB); \"\" keeps none (default: "
+       "~/.cache/eigencast)"},
       {"--memory", &options.memory_mb,
        "memory that surfaces and textures from brokers may take in all, in MB; larger ones are refused (default: three "
        "quarters of what is free)",

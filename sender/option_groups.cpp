@@ -114,7 +114,9 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
   app.add_option("--name", source.name, "name of the surface, for people");
   app.add_flag("--any-order", source.any_order,
                "take poses whose vertices seem to be in another order than the faces'; refused without");
-  app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none (default: ~/.cache/eigencast)")
+  app.add_option("--cache", source.cache_dir,
+                 "folder where bakes are kept, up to $EIGENCAST_CACHE_BYTES (4 GiB); '' for none (default: "
+                 "~/.cache/eigencast)")
       ->envname("EIGENCAST_CACHE");
 }
 

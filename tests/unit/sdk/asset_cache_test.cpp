@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -117,6 +118,62 @@ TEST(AssetCache, WriteFailureIsReturned) {
   EXPECT_FALSE(cache.load(sha256(object)));
 }
 
+TEST(AssetCache, WhatWasUnusedForLongestMakesRoom) {
+  const TemporaryFolder folder;
+  constexpr std::uint64_t kMax = 1'000'000;
+  const AssetCache cache(folder.path(), kMax);
+  const auto object = [](int i) { return Bytes(90'000, static_cast<std::uint8_t>(i)); };
+  const auto age = [&](const fs::path& path, int hours) {
+    fs::last_write_time(path, fs::file_time_type::clock::now() - std::chrono::hours(hours));
+  };
+  const auto path_of = [&](int i) {
+    const std::string hex = sha256(object(i)).hex();
+    return folder.path() / "objects" / hex.substr(0, 2) / hex.substr(2);
+  };
+  const auto in_use = [&] {
+    std::uint64_t bytes = 0;
+    for (const fs::path& file : files_under(folder.path())) bytes += fs::file_size(file);
+    return bytes;
+  };
+  const fs::path theirs = folder.path() / "objects" / "notes.txt";
+  fs::create_directories(theirs.parent_path());
+  std::ofstream(theirs) << "not of the cache";
+  age(theirs, 1000);
+  for (int i = 0; i < 8; ++i) {
+    ASSERT_TRUE(cache.store(sha256(object(i)), object(i)));
+    age(path_of(i), 100 - i);
+  }
+  const fs::path torn = path_of(0).parent_path() / ".tmp-1-1";
+  std::ofstream(torn) << std::string(90'000, 'x');
+  age(torn, 500);
+  EXPECT_EQ(cache.load(sha256(object(0))), object(0)) << "which is a use";
+  for (int i = 8; i < 40; ++i) {  // A broker that announces one surface after the other.
+    ASSERT_TRUE(cache.store(sha256(object(i)), object(i)));
+    age(path_of(i), 100 - i);
+    EXPECT_LE(in_use(), kMax);
+    EXPECT_TRUE(cache.load(sha256(object(0))) == object(0)) << "it is used all the time";
+  }
+  EXPECT_FALSE(fs::exists(torn));
+  EXPECT_FALSE(cache.load(sha256(object(1))));
+  EXPECT_EQ(cache.load(sha256(object(39))), object(39));
+  EXPECT_TRUE(fs::exists(theirs));
+  const Bytes large(2 * kMax, 1);
+  ASSERT_TRUE(cache.store(sha256(large), large));
+  EXPECT_FALSE(cache.load(sha256(large)));
+  EXPECT_EQ(cache.load(sha256(object(39))), object(39)) << "what cannot be kept displaces nothing";
+}
+
+TEST(AssetCache, ManyTinyFilesAreBounded) {
+  const TemporaryFolder folder;
+  const AssetCache cache(folder.path(), 1'000'000);
+  for (int i = 0; i < 1000; ++i) {
+    const Bytes object = bytes_of(std::to_string(i));
+    ASSERT_TRUE(cache.store(sha256(object), object));
+    ASSERT_TRUE(cache.store_record(sha256(object), object));
+  }
+  EXPECT_LE(files_under(folder.path()).size(), 250U) << "each takes a block of the disk";
+}
+
 TEST(AssetCache, ConcurrentReadersSeeWholeObjectsOnly) {
   const TemporaryFolder folder;
   const Bytes object(200'000, 7);
@@ -141,6 +198,13 @@ TEST(DefaultCacheDir, FollowsTheEnvironment) {
   ::setenv("EIGENCAST_CACHE", "/somewhere", 1);
   EXPECT_EQ(default_cache_dir(), "/somewhere");
   ::unsetenv("EIGENCAST_CACHE");
+  ::setenv("EIGENCAST_CACHE_BYTES", "1000", 1);
+  EXPECT_EQ(default_cache_bytes(), 1000U);
+  for (const char* wrong : {"", "-1", "1G", "99999999999999999999"}) {
+    ::setenv("EIGENCAST_CACHE_BYTES", wrong, 1);
+    EXPECT_EQ(default_cache_bytes(), std::uint64_t{4} << 30) << wrong;
+  }
+  ::unsetenv("EIGENCAST_CACHE_BYTES");
   ::setenv("XDG_CACHE_HOME", "/xdg", 1);
   EXPECT_EQ(default_cache_dir(), "/xdg/eigencast");
   ::setenv("XDG_CACHE_HOME", "relative", 1);
