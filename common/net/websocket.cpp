@@ -49,7 +49,9 @@ constexpr milliseconds kPoliteClose{500};
 constexpr TimeUs kGoodAfterUs = 2'000'000;
 /// The clients of a broker that is gone come to another spread over so long, or over the pause that it asked for.
 constexpr milliseconds kStep{50};
-constexpr std::size_t kMaxAddresses = 16;  ///< Of one name.
+constexpr milliseconds kMaxStep{30'000};
+constexpr milliseconds kMaxHoldOff{600'000};  ///< As of Retry-After: one message must not silence a client for weeks.
+constexpr std::size_t kMaxAddresses = 16;     ///< Of one name.
 /// Bytes that the kernel may hold unsent; what is more stays with us, where it is counted.
 constexpr int kKernelUnsentBytes = 32 * 1024;
 
@@ -156,7 +158,7 @@ class BeastWebSocket final : public WebSocket {
 
   void hold_off(milliseconds pause) override {
     const std::lock_guard lock(mutex_);
-    hold_off_ = pause;
+    hold_off_ = std::min(pause, kMaxHoldOff);
   }
 
   void retry_now() override {
@@ -401,7 +403,7 @@ class BeastWebSocket final : public WebSocket {
     if (good) order_.forgive();
     const int failures = order_.count_failure();
     const double unit = std::uniform_real_distribution<double>(0, 1)(random_);
-    const milliseconds step(std::llround(1 + unit * std::max(kStep, hold_off.value_or(kStep)).count()));
+    const milliseconds step(std::llround(1 + unit * std::clamp(hold_off.value_or(kStep), kStep, kMaxStep).count()));
     // A refusal will not change soon: the longest interval at once.
     const bool longest = failure.refused || hold_off == milliseconds(0);
     milliseconds wait = retry_delay(longest ? 64 : failures, options_.first_retry, options_.longest_retry, unit);

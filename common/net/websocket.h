@@ -69,7 +69,8 @@ class WebSocket {
   virtual std::size_t unsent_bytes() const = 0;
   virtual bool is_open() const = 0;
   /// The peer is about to close and asks to be left alone for so long: the least pause before the next try once this
-  /// connection is down. 0: it does not expect us back; the longest interval then.
+  /// connection is down, at most ten minutes, and 30 s before another broker of the URL. 0: it does not expect us
+  /// back; the longest interval then.
   virtual void hold_off(std::chrono::milliseconds pause) = 0;
   /// Ends the pause before the next try, if there is one now.
   virtual void retry_now() = 0;

@@ -186,6 +186,21 @@ TEST(WebSocketToBroker, HoldOffDelaysTheReconnect) {
   }
 }
 
+TEST(WebSocketToBroker, HoldOffHasABound) {
+  constexpr milliseconds kWeeks{4'294'967'295};
+  for (const bool several : {false, true}) {
+    LoopbackBroker broker, other;
+    Log log;
+    const std::string url = several ? url_of(broker, other) : broker.url("");
+    const auto socket = WebSocket::start(options_for(url, "/v1/subscribe/a"), log.events());
+    ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
+    socket->hold_off(kWeeks);
+    broker.stop();
+    ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
+    EXPECT_LE(log.down(0).second.count(), several ? 30'001 : 750'000);
+  }
+}
+
 TEST(WebSocketToBroker, ThrowingHandlerEndsOnlyTheConnection) {
   LoopbackBroker broker;
   Log log;
