@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdlib>
+#include <mutex>
 #include <string>
 #include <utility>
 
@@ -53,9 +54,35 @@ void write_line(spdlog::logger& logger, LogLevel level, std::string_view message
              spdlog::string_view_t(message.data(), message.size()));
 }
 
+std::optional<std::uint64_t> LogThrottle::pass(const LogLine& line, TimeUs now_us) {
+  constexpr TimeUs kPeriodUs = 10'000'000;
+  constexpr int kMaxLines = 50;
+  Kind& kind = kinds_[{line.file, line.number}];
+  if (now_us >= kind.end_us) {
+    kind.end_us = now_us + kPeriodUs;
+    kind.passed = 0;
+  }
+  if (kind.passed == kMaxLines) {
+    ++kind.omitted;
+    return std::nullopt;
+  }
+  ++kind.passed;
+  return std::exchange(kind.omitted, 0);
+}
+
 LogSink sink_to(std::shared_ptr<spdlog::logger> logger) {
-  return
-      [logger = std::move(logger)](LogLevel level, std::string_view message) { write_line(*logger, level, message); };
+  struct Shared {
+    std::mutex mutex;
+    LogThrottle throttle;
+  };
+  return [logger = std::move(logger), shared = std::make_shared<Shared>()](LogLevel level, const LogLine& line) {
+    if (!logger->should_log(spdlog_level(level))) return;
+    const std::lock_guard lock(shared->mutex);
+    const auto omitted = shared->throttle.pass(line, steady_now_us());
+    if (!omitted) return;
+    if (*omitted > 0) write_line(*logger, level, std::to_string(*omitted) + " lines like the next one were left out");
+    write_line(*logger, level, line);
+  };
 }
 
 }  // namespace eigencast

@@ -2,8 +2,14 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
+#include <map>
 #include <memory>
+#include <optional>
+#include <string_view>
+#include <utility>
 
+#include "common/core/clock.h"
 #include "common/core/log.h"
 
 namespace spdlog {
@@ -26,6 +32,22 @@ std::shared_ptr<spdlog::logger> stderr_logger(LogLevel min_level, LogFormat form
 /// A line of `ago`.
 void write_line(spdlog::logger& logger, LogLevel level, std::string_view message, std::chrono::microseconds ago = {});
 
+/// Decides which lines pass, so that no peer fills a disk: 50 of a kind in 10 seconds. Not thread-safe.
+class LogThrottle {
+ public:
+  /// How many of its kind were left out since the last that passed; nothing: so is this one.
+  std::optional<std::uint64_t> pass(const LogLine& line, TimeUs now_us);
+
+ private:
+  struct Kind {
+    TimeUs end_us = 0;
+    int passed = 0;
+    std::uint64_t omitted = 0;
+  };
+  std::map<std::pair<std::string_view, int>, Kind> kinds_;  ///< As many as the source has.
+};
+
+/// Through a LogThrottle.
 LogSink sink_to(std::shared_ptr<spdlog::logger> logger);
 
 }  // namespace eigencast
