@@ -90,8 +90,13 @@ std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) 
   if (accounts_.size() >= max_ && now_us - swept_us_ >= kSweepEveryUs) {
     // A sweep visits all accounts: at most once per period.
     swept_us_ = now_us;
-    std::erase_if(accounts_,
-                  [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->is_idle(now_us); });
+    const auto sweep = [&](bool idle_only) {
+      std::erase_if(accounts_, [&](const auto& entry) {
+        return entry.second.use_count() == 1 && (!idle_only || entry.second->is_idle(now_us));
+      });
+    };
+    sweep(true);
+    if (accounts_.size() > max_ / 2) sweep(false);
   }
   if (accounts_.size() >= max_) return overflow_;
   return accounts_.emplace(key, std::make_shared<Account>()).first->second;

@@ -58,8 +58,9 @@ struct Account {
   bool is_idle(TimeUs now_us) const;
 };
 
-/// Accounts by key. When it is full idle ones are removed; if all are in use, further keys share one account, which is
-/// stricter for them. Thread-safe: the lock covers lookup, not use.
+/// Accounts by key. When it is full idle ones are removed; if those are few, all that nobody holds, rates and all:
+/// strangers with many addresses must not spend the rates of newcomers. If all are in use, further keys share one
+/// account, which is stricter for them. Thread-safe: the lock covers lookup, not use.
 class Ledger {
  public:
   explicit Ledger(std::size_t max = 65'536) : max_(max) {}

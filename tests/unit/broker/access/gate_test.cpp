@@ -561,6 +561,19 @@ TEST(LedgerTest, KeepsAccountsInUse) {
       << "not a new account";
 }
 
+TEST(LedgerTest, ManyAddressesSpendNoRatesOfNewcomers) {
+  Ledger ledger(4);
+  const auto held = ledger.account("held", 0);
+  EXPECT_TRUE(held->resources[0].take(1));
+  const auto fails = [&](const std::string& key, TimeUs now_us) {
+    return ledger.account(key, now_us)->failures.take(1, 0.001, 1, now_us).has_value();
+  };
+  for (int i = 0; i < 100; ++i) (void)fails("guesses " + std::to_string(i), i);
+  EXPECT_TRUE(fails("newcomer", 2 * kSecond));
+  EXPECT_FALSE(fails("newcomer", 2 * kSecond));
+  EXPECT_EQ(ledger.account("held", 2 * kSecond), held);
+}
+
 TEST(LedgerTest, LimitsHoldAcrossThreads) {
   constexpr int kThreads = 4, kTries = 2000, kMaxTokens = 3000;
   Ledger ledger;
