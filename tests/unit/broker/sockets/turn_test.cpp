@@ -5,6 +5,8 @@
 #include <sys/socket.h>
 
 #include <array>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/read.hpp>
 #include <new>
 #include <optional>
 #include <string>
@@ -91,7 +93,8 @@ class BatchTest : public ::testing::Test {
     }
     std::size_t read(std::size_t bytes) {
       std::vector<char> into(bytes);
-      return static_cast<std::size_t>(::recv(peer.native_handle(), into.data(), bytes, MSG_WAITALL));
+      boost::system::error_code error;  // The ring's signals interrupt MSG_WAITALL.
+      return asio::read(peer, asio::buffer(into), error);
     }
     Socket ours, peer;
   };
