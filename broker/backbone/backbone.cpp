@@ -141,7 +141,7 @@ void Backbone::on_table_read() {
   table_read_ = true;
   directory_.end_reading();
   settled_ = false;
-  writing_.clear();
+  std::erase_if(writing_, [](const auto& item) { return item.second != kForever; });
   environment_.inform("connected, " + std::to_string(directory_.streams().size()) + " streams are known");
   reconcile();
 }
@@ -180,6 +180,7 @@ void Backbone::reconcile_own() {
   settled_ = true;
   std::vector<std::pair<std::string, DirectoryEntry>> overruled;
   for (const auto& [name, own] : own_) {
+    if (claims_.contains(name)) continue;
     const DirectoryEntry* holder = directory_.live(name, now);
     if (holder != nullptr && holder->owner != settings_.id && yields_to(own.entry, *holder)) {
       overruled.emplace_back(name, *holder);
@@ -217,7 +218,7 @@ void Backbone::forget() {
 
 void Backbone::claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
                      Granted granted) {
-  claims_[stream] = {announce, resume, std::move(granted), environment_.now_us()};
+  claims_[stream] = {++last_claim_, announce, resume, std::move(granted), environment_.now_us()};
   next_heartbeat_us_ = 0;  // Other brokers must know that this one is alive before they see the claim.
   send_heartbeat(kAlive);
   try_claim(stream);
@@ -238,7 +239,10 @@ void Backbone::try_claim(const std::string& name) {
                                                      "at a time: stop that one, or publish under another name"));
   }
   const Directory::Known* known = directory_.find(name);
-  const std::uint32_t above = known != nullptr && known->entry ? known->entry->epoch : 0;
+  const Stream* stream = hub_->find(name);
+  // A row is forgotten in time; what viewers here have seen is not.
+  const std::uint32_t above = std::max(known != nullptr && known->entry ? known->entry->epoch : 0,
+                                       stream != nullptr ? stream->epoch() : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
     if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
     return grant(name, epoch_apart(above));
@@ -247,8 +251,9 @@ void Backbone::try_claim(const std::string& name) {
   const auto epoch = environment_.next_epoch(above);
   if (!epoch) return grant(name, epoch.error());
   write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce, resume.issued},
-        [this, name, epoch](const Result<std::uint64_t>& written) {
-          if (written) grant(name, *epoch);
+        [this, name, epoch, number = found->second.number](const Result<std::uint64_t>& written) {
+          const auto still = claims_.find(name);
+          if (written && still != claims_.end() && still->second.number == number) grant(name, *epoch);
         });
 }
 

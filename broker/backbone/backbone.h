@@ -60,6 +60,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
 
  private:
   struct Claim {
+    std::uint64_t number = 0;  ///< What was written of an earlier one does not grant it.
     control::Announce announce;
     Resume resume;
     Granted granted;
@@ -104,6 +105,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   bool connected_ = false, table_read_ = false, reconciling_ = false;
   std::string last_error_;
   std::map<std::string, Claim, std::less<>> claims_;
+  std::uint64_t last_claim_ = 0;
   std::map<std::string, Own, std::less<>> own_;
   std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows being written, or the time of their next try.
   std::vector<std::shared_ptr<void>> listening_;

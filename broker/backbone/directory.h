@@ -21,9 +21,7 @@ struct DirectoryEntry {
   bool live = false;           ///< The sender is connected.
   control::Announce announce;  ///< One per epoch and owner.
   std::string resume = {};     ///< Likewise: Resume::issued. Empty: of an older broker.
-  bool operator==(const DirectoryEntry& other) const {
-    return owner == other.owner && epoch == other.epoch && live == other.live;
-  }
+  bool operator==(const DirectoryEntry&) const = default;
 };
 
 /// One JSON object.

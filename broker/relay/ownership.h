@@ -60,7 +60,8 @@ class Ownership {
   using Granted = std::function<void(Result<std::uint32_t>)>;
 
   virtual ~Ownership() = default;
-  /// Calls `granted` once, now or later, on the event loop, with an epoch greater than any earlier one of the stream.
+  /// Calls `granted` once, now or later, on the event loop, with an epoch greater than any earlier one of the stream;
+  /// or never, if the stream is claimed again before.
   /// Errors: kRefused (the stream has a sender at another broker, and `resume` shows nothing of it), kIo.
   virtual void claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
                      Granted granted) = 0;

@@ -61,6 +61,7 @@ struct Announce {
   double key_rate_hz = 0;                    ///< Intended; 0 = unknown.
   std::optional<std::vector<double>> world;  ///< 16 numbers, column-major: scene_from_asset.
   std::string resume = {};                   ///< That of this sender's last Announced. Secret; empty: none.
+  bool operator==(const Announce&) const = default;
 };
 
 /// "announced", broker to sender.

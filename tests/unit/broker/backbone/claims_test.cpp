@@ -217,6 +217,130 @@ TEST_F(ResumeClaimsTest, ProofSurvivesALostDirectory) {
   EXPECT_TRUE(*announce(b(), 1, 3).granted);
 }
 
+/// Several announcements while the answer of the directory to the first is on its way.
+class RoundTripTest : public ResumeClaimsTest {
+ protected:
+  void SetUp() override {
+    ResumeClaimsTest::SetUp();
+    network.holds_answers = true;
+  }
+  void answer() {
+    network.holds_answers = false;
+    for (const auto& work : std::exchange(network.held, {})) work();
+    pass(1'000'000);
+  }
+  /// The directory has what `sender` announced last, and the stream goes on with it at both brokers.
+  void expect_announced(const SiteSender& sender, const Sha256& of, const std::string& issued) {
+    ASSERT_TRUE(sender.granted && *sender.granted);
+    const auto row = entry_from_text(network.table.at("s").text.value());
+    ASSERT_TRUE(row) << row.error().message;
+    EXPECT_EQ(row->epoch, sender.stream->epoch());
+    EXPECT_EQ(row->epoch, **sender.granted);
+    EXPECT_EQ(row->announce.asset, of.hex());
+    EXPECT_EQ(row->resume, issued);
+    EXPECT_TRUE(row->live);
+    FakeReceiver& viewer = new_viewer();
+    watch(b(), viewer);
+    pass(100'000);
+    EXPECT_EQ(viewer.infos.back().asset, of.hex());
+    EXPECT_EQ(viewer.infos.back().epoch, row->epoch);
+  }
+};
+
+TEST_F(RoundTripTest, LastAnnouncementIsInTheDirectory) {
+  const Sha256 one = a().put(content(1, 10)), two = a().put(content(2, 10)), three = a().put(content(3, 10));
+  SiteSender& sender = new_sender();
+  sender.publish(a(), "s", one, {"", proof(1)});
+  network.run();
+  sender.announce(a(), two, {"", proof(2)});
+  sender.announce(a(), three, {"", proof(3)});
+  network.run();
+  answer();
+  expect_announced(sender, three, proof(3));
+  const int writes = network.writes;
+  pass(1'000'000);
+  EXPECT_EQ(network.writes, writes) << "the directory is as it should be";
+  EXPECT_FALSE(*announce(b(), 1, 4).granted);
+  EXPECT_TRUE(*announce(b(), 3, 4).granted);
+}
+
+TEST_F(RoundTripTest, AnnouncementOfALiveStreamIsInTheDirectory) {
+  network.holds_answers = false;
+  const Sha256 one = a().put(content(1, 10)), two = a().put(content(2, 10)), three = a().put(content(3, 10));
+  SiteSender& sender = new_sender();
+  sender.publish(a(), "s", one, {"", proof(1)});
+  pass(100'000);
+  network.holds_answers = true;
+  sender.announce(a(), two, {"", proof(2)});
+  network.run();
+  sender.announce(a(), three, {"", proof(3)});
+  pass(100'000);
+  answer();
+  expect_announced(sender, three, proof(3));
+}
+
+TEST_F(RoundTripTest, TakeoverIsInTheDirectory) {
+  const Sha256 one = a().put(content(1, 10)), two = a().put(content(2, 10));
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  first.publish(a(), "s", one, {"", proof(1)});
+  network.run();
+  second.publish(a(), "s", two, {"", proof(2)}, true);
+  EXPECT_TRUE(first.replaced);
+  network.run();
+  answer();
+  expect_announced(second, two, proof(2));
+}
+
+TEST_F(RoundTripTest, LateAnswerGrantsNoLaterAnnouncement) {
+  const Sha256 one = a().put(content(1, 10)), two = a().put(content(2, 10));
+  SiteSender& sender = new_sender();
+  sender.publish(a(), "s", one, {"", proof(1)});
+  network.run();
+  a().link.cut();
+  pass(100'000);
+  ASSERT_TRUE(sender.granted && *sender.granted) << "locally";
+  a().link.connect();
+  network.run();
+  sender.announce(a(), two, {"", proof(2)});
+  network.run();
+  answer();
+  expect_announced(sender, two, proof(2));
+}
+
+TEST_F(RoundTripTest, OneWriteAtATimeOfEachRow) {
+  SiteSender& sender = new_sender();
+  sender.publish(a(), "s", a().put(content(1, 10)));
+  network.run();
+  for (int i = 0; i < 10; ++i) {
+    a().link.connect();
+    pass(100'000);
+  }
+  EXPECT_EQ(network.writes, 1);
+}
+
+TEST_F(ClaimsTest, EpochsGrowAcrossForgottenRows) {
+  for (int i = 0; i < 20; ++i) {  // The epochs of a are ahead.
+    SiteSender& sender = new_sender();
+    publish(sender, a(), "other");
+    sender.leave();
+  }
+  SiteSender& first = new_sender();
+  publish(first, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  const std::uint32_t epoch = viewer.infos.back().epoch;
+  first.leave();
+  for (int i = 0; i < 12; ++i) pass(60'000'000);
+  ASSERT_FALSE(network.table.contains("s"));
+  SiteSender& second = new_sender();
+  second.publish(b(), "s", b().put(content(9, 10)));
+  pass(1'000'000);
+  ASSERT_TRUE(second.granted && *second.granted);
+  EXPECT_GT(viewer.infos.back().epoch, epoch);
+}
+
 TEST_F(ClaimsTest, OneSenderStaysAfterPartition) {
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();

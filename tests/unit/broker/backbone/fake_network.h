@@ -46,6 +46,9 @@ class FakeNetwork {
   int tables = 1;
   std::uint64_t revision = 0;
   bool table_answers = true;
+  bool holds_answers = false;  ///< What the table answers waits in `held`.
+  std::deque<std::function<void()>> held;
+  int writes = 0;
   std::function<bool(const std::string& subject)> drops;
   std::deque<std::function<void()>> coming;
 };
@@ -116,6 +119,7 @@ class FakeLink final : public Link {
                  std::function<void(const Result<std::uint64_t>&)> written) override {
     network_.later([this, key, text = std::move(text), expected, written = std::move(written)] {
       if (!connected_ || !network_.table_answers) return written(fail(ErrorCode::kUnreachable, "no answer"));
+      ++network_.writes;
       if (network_.table[key].revision != expected) return written(fail(ErrorCode::kRefused, "another revision"));
       const FakeNetwork::Row row = network_.table[key] = {text, ++network_.revision};
       if (!text) network_.table.erase(key);  // Purged.
@@ -124,7 +128,8 @@ class FakeLink final : public Link {
           if (link->connected_ && link->listener_ != nullptr) link->listener_->on_row(key, row.text, row.revision, {});
         });
       }
-      written(row.revision);
+      const auto acknowledge = [written, revision = row.revision] { written(revision); };
+      network_.holds_answers ? network_.held.push_back(acknowledge) : acknowledge();
     });
   }
   void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) override {

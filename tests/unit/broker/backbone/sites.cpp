@@ -55,18 +55,24 @@ Sha256 Site::put(const Bytes& bytes) {
   return id;
 }
 
-void SiteSender::publish(Site& site, const std::string& name, const Sha256& asset, const Resume& resume) {
+void SiteSender::publish(Site& site, const std::string& name, const Sha256& asset, const Resume& resume, bool replace) {
   stream = site.hub->open(name).value();
-  claimed = stream->claim(*this);
-  if (!claimed) return;
+  claimed = stream->claim(*this, replace);
+  if (claimed) announce(site, asset, resume);
+}
+
+void SiteSender::announce(Site& site, const Sha256& asset, const Resume& resume) {
   control::Announce announce = small_announce();
   announce.asset = asset.hex();
-  site.backbone->claim(name, announce, resume, [this, announce, resume](const Result<std::uint32_t>& epoch) {
+  const auto begin = [this, announce, resume](const Result<std::uint32_t>& epoch) {
     granted = epoch;
+    if (replaced) return;
     if (!epoch) return stream->release(*this);
     begin_anew();
+    EXPECT_GT(*epoch, stream->epoch());
     EXPECT_TRUE(stream->announce(announce, *epoch, resume.issued));
-  });
+  };
+  site.backbone->claim(stream->name(), announce, resume, begin);
 }
 
 void BackboneTest::SetUp() {

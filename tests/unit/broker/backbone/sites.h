@@ -46,7 +46,11 @@ class Site {
 /// A sender at a site: what broker/connections/publisher does, without the connection.
 struct SiteSender : FakeSender {
   void on_replaced() override { replaced = true; }
-  void publish(Site& site, const std::string& name, const Sha256& asset, const Resume& resume = {});
+  /// `replace`: the one that is there.
+  void publish(Site& site, const std::string& name, const Sha256& asset, const Resume& resume = {},
+               bool replace = false);
+  /// REQUIRES: it has the stream.
+  void announce(Site& site, const Sha256& asset, const Resume& resume = {});
   void leave() { stream->release(*this); }
 
   Stream* stream = nullptr;
