@@ -58,7 +58,9 @@ void Backbone::start(Hub& hub) {
   const auto heard = [this, alive](const std::string& subject, const Bytes& message) {
     const std::string broker = subject.substr(alive.size());
     if (message == Bytes{kStopped}) return directory_.note_stopped(broker);
-    directory_.note_heartbeat(broker, environment_.now_us());
+    const TimeUs now = environment_.now_us();
+    if (directory_.has_streams(broker) && !directory_.is_alive(broker, now)) following_.note_all();
+    directory_.note_heartbeat(broker, now);
     rows_asked_ = rows_asked_ || (message == Bytes{kAsksForRows} && broker != settings_.id);
   };
   listening_ = {link_.subscribe(alive + ">", heard),
@@ -140,8 +142,12 @@ void Backbone::on_new_table() {
 void Backbone::on_table_read() {
   table_read_ = true;
   directory_.end_reading();
-  settled_ = false;
   std::erase_if(writing_, [](const auto& item) { return item.second != kForever; });
+  following_.note_all();
+  for (const auto& [name, own] : own_) unsettled_.insert(name);
+  for (const auto& [name, known] : directory_.streams()) {
+    if (known.entry && known.entry->owner == settings_.id) unsettled_.insert(name);
+  }
   environment_.inform("connected, " + std::to_string(directory_.streams().size()) + " streams are known");
   reconcile();
 }
@@ -153,7 +159,7 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   if (auto taken = directory_.take(*name, text, revision, environment_.now_us(), from); !taken) {
     return environment_.warn("stream '" + *name + "': " + taken.error().message);
   }
-  settled_ = false;
+  note(*name);
   // The rest waits for the next tick.
   const bool used_here = own_.contains(*name) || claims_.contains(*name) || hub_->find(*name) != nullptr;
   if (table_read_ && used_here) reconcile();
@@ -163,7 +169,7 @@ void Backbone::reconcile() {
   // Callbacks from below may re-enter.
   if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
   reconcile_claims();
-  if (!settled_) reconcile_own();
+  for (const std::string& name : std::exchange(unsettled_, {})) reconcile_own(name);
   following_.reconcile(directory_, connected_, table_read_);
   forget();
   reconciling_ = false;
@@ -175,36 +181,33 @@ void Backbone::reconcile_claims() {
   for (const std::string& name : names) try_claim(name);
 }
 
-void Backbone::reconcile_own() {
-  const TimeUs now = environment_.now_us();
-  settled_ = true;
-  std::vector<std::pair<std::string, DirectoryEntry>> overruled;
-  for (const auto& [name, own] : own_) {
-    if (claims_.contains(name)) continue;
-    const DirectoryEntry* holder = directory_.live(name, now);
-    if (holder != nullptr && holder->owner != settings_.id && yields_to(own.entry, *holder)) {
-      overruled.emplace_back(name, *holder);
-      continue;
-    }
-    const Directory::Known* known = directory_.find(name);
-    if (known != nullptr && known->entry == own.entry) continue;
-    settled_ = false;
-    write(name, own.entry);
+void Backbone::reconcile_own(const std::string& name) {
+  if (claims_.contains(name)) return;  // Notes it again when it ends.
+  const Directory::Known* known = directory_.find(name);
+  const auto own = own_.find(name);
+  if (own == own_.end()) {  // Perhaps an entry of this broker whose stream has ended.
+    if (known == nullptr || !known->entry || !known->entry->live || known->entry->owner != settings_.id) return;
+    unsettled_.insert(name);
+    DirectoryEntry entry = *known->entry;
+    entry.live = false;
+    return write(name, entry);
   }
-  for (const auto& [name, holder] : overruled) {
+  const DirectoryEntry* holder = directory_.live(name, environment_.now_us());
+  if (holder != nullptr && holder->owner != settings_.id && yields_to(own->second.entry, *holder)) {
     ++totals_.senders_evicted;
     environment_.warn("stream '" + name + "': its sender is at another broker now, the one here is sent away");
-    if (Stream* stream = hub_->find(name)) following_.follow(*stream, holder);
+    if (Stream* stream = hub_->find(name)) following_.follow(*stream, DirectoryEntry(*holder));
+    return;
   }
-  // Entries of this broker whose streams have ended.
-  for (const auto& [name, known] : directory_.streams()) {
-    const bool mine = known.entry && known.entry->live && known.entry->owner == settings_.id;
-    if (!mine || own_.contains(name) || claims_.contains(name)) continue;
-    settled_ = false;
-    DirectoryEntry entry = *known.entry;
-    entry.live = false;
-    write(name, entry);
-  }
+  if (known != nullptr && known->entry == own->second.entry) return;
+  unsettled_.insert(name);
+  write(name, own->second.entry);
+}
+
+/// Its row, or what is here of the stream, has changed.
+void Backbone::note(const std::string& name) {
+  unsettled_.insert(name);
+  following_.note(name);
 }
 
 /// Removes entries of brokers that stopped long ago, and of streams that ended here.
@@ -270,7 +273,7 @@ void Backbone::grant(const std::string& name, Result<std::uint32_t> epoch) {
   if (found == claims_.end()) return;
   const Granted granted = std::move(found->second.granted);
   claims_.erase(found);
-  settled_ = false;  // The sender may have disconnected.
+  note(name);  // The sender may have disconnected.
   granted(std::move(epoch));
 }
 
@@ -304,7 +307,7 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
 
 void Backbone::on_announced(const Stream& stream) {
   if (following_.feeds(stream.name())) return;
-  settled_ = false;
+  note(stream.name());
   own_[stream.name()] = {
       {settings_.id, stream.epoch(), true, stream.announcement(), stream.resume()}, stream.layout(), nullptr};
 }
@@ -321,12 +324,12 @@ void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
 }
 
 void Backbone::on_stalled(const Stream& stream) {
-  settled_ = false;
+  note(stream.name());
   own_.erase(stream.name());
 }
 
 void Backbone::on_forgotten(const Stream& stream) {
-  settled_ = false;
+  note(stream.name());
   own_.erase(stream.name());
   following_.forget_stream(stream.name());
 }

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -52,6 +53,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
+  void on_demand_changed(const Stream& stream) override { following_.note(stream.name()); }
   void on_forgotten(const Stream& stream) override;
 
   Totals totals() const;
@@ -82,7 +84,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
 
   void reconcile();
   void reconcile_claims();
-  void reconcile_own();
+  void reconcile_own(const std::string& name);
+  void note(const std::string& name);
   void forget();
   void try_claim(const std::string& name);
   Result<std::uint32_t> epoch_apart(std::uint32_t above) const;
@@ -109,8 +112,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   std::map<std::string, Own, std::less<>> own_;
   std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows being written, or the time of their next try.
   std::vector<std::shared_ptr<void>> listening_;
-  bool settled_ = false;  ///< The directory matches the local streams; reset by changes of either.
-  bool rows_asked_ = false;  ///< By a broker that cannot read the table.
+  std::set<std::string> unsettled_;  ///< Names whose rows may not match the local streams.
+  bool rows_asked_ = false;          ///< By a broker that cannot read the table.
   TimeUs next_heartbeat_us_ = 0, next_forget_us_ = 0, next_rows_us_ = 0;
 };
 

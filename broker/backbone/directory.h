@@ -97,6 +97,8 @@ class Directory {
   int heartbeat_periods() const {
     return static_cast<int>(std::max<std::size_t>(1, last_heartbeat_us_.size() / kHeartbeatsPerPeriod));
   }
+  /// Of any run of the broker's name.
+  bool has_streams(std::string_view broker) const { return streams_of_.contains(name_of_broker(broker)); }
   std::size_t brokers(TimeUs now_us) const;  ///< Alive ones, this one included.
   const std::map<std::string, Known, std::less<>>& streams() const { return streams_; }
 

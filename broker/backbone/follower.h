@@ -25,6 +25,7 @@ class Follower {
 
   /// Whether to request a join now; false while a request is pending.
   bool wants_join(TimeUs now_us);
+  bool is_joined() const { return joined_; }  ///< No join is missing.
   /// Starts again from a join, after a message that could not be used.
   void restart();
 

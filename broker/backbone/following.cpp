@@ -24,12 +24,18 @@ struct Following::Remote final : PublisherLink {
   bool yields() const override { return true; }
   void on_replaced() override { stream = nullptr; }
   void on_watcher_count(std::uint32_t) override {}
+  /// Whether only messages and what is noted can change it.
+  bool is_settled() const {
+    return phase == Phase::kFetching || phase == Phase::kUnusable ||
+           (phase == Phase::kFollowing && follower.is_joined());
+  }
 
   Stream* stream;  ///< Null once it no longer feeds the stream.
   const DirectoryEntry entry;
   Follower follower;
   Phase phase = Phase::kWaiting;
   TimeUs next_us = 0;
+  bool watched = true;
   TimeUs watched_us = 0;  ///< When the stream last had watchers.
   std::shared_ptr<void> subscription;
 };
@@ -43,6 +49,7 @@ void Following::stop() {
   for (const auto& [name, remote] : std::exchange(remotes_, {})) {
     if (remote->stream != nullptr) remote->stream->release(*remote);
   }
+  changed_.clear();
   hub_ = nullptr;
 }
 
@@ -56,36 +63,50 @@ void Following::forget_stream(std::string_view name) {
 }
 
 void Following::reconcile(const Directory& directory, bool connected, bool complete) {
-  stop_unwanted(directory, complete);
-  start_wanted(directory);
-  if (!connected) return;
-  std::vector<RemotePtr> all;
-  for (const auto& [name, remote] : remotes_) all.push_back(remote);
-  for (const RemotePtr& remote : all) advance(remote);
-}
-
-void Following::stop_unwanted(const Directory& directory, bool complete) {
-  const TimeUs now = environment_.now_us();
-  std::vector<std::string> over;
-  for (const auto& [name, remote] : remotes_) {
-    const DirectoryEntry* holder = directory.live(name, now);
-    const bool moved =
-        holder == nullptr ? complete : holder->owner != remote->entry.owner || holder->epoch != remote->entry.epoch;
-    if (remote->stream != nullptr && remote->stream->watchers() > 0) remote->watched_us = now;
-    const bool wanted = now - remote->watched_us < settings_.linger_us;
-    if (remote->stream == nullptr || !wanted || moved) over.push_back(name);
+  for (const std::string& name : take_changed()) {
+    ++totals_.names_compared;
+    const auto former = remotes_.find(name);
+    if (former != remotes_.end() && is_over(*former->second, directory, complete)) unfollow(name);
+    if (Stream* stream = hub_->find(name)) {
+      if (const DirectoryEntry* entry = wanted_entry(*stream, directory)) follow(*stream, *entry);
+    }
+    const auto found = remotes_.find(name);
+    if (found == remotes_.end()) continue;
+    const RemotePtr remote = found->second;
+    if (connected) advance(remote);
+    if (!remote->is_settled()) note(name);
   }
-  for (const std::string& name : over) unfollow(name);
 }
 
-void Following::start_wanted(const Directory& directory) {
+std::vector<std::string> Following::take_changed() {
+  const auto changed = std::exchange(changed_, {});
   const TimeUs now = environment_.now_us();
+  if (now < next_sweep_us_) return {changed.begin(), changed.end()};
+  next_sweep_us_ = now + settings_.sweep_us;
+  std::vector<std::string> names;
   for (const Stream* stream : hub_->streams()) {
-    if (stream->has_publisher() || stream->watchers() == 0) continue;
-    const DirectoryEntry* holder = directory.live(stream->name(), now);
-    if (holder == nullptr || holder->owner == settings_.id || holder->epoch < stream->epoch()) continue;
-    follow(*hub_->find(stream->name()), *holder);
+    if (!stream->has_publisher() && stream->watchers() > 0) names.push_back(stream->name());
   }
+  for (const auto& [name, remote] : remotes_) names.push_back(name);
+  return names;
+}
+
+bool Following::is_over(Remote& remote, const Directory& directory, bool complete) const {
+  if (remote.stream == nullptr) return true;
+  const TimeUs now = environment_.now_us();
+  const bool was_watched = std::exchange(remote.watched, remote.stream->watchers() > 0);
+  if (was_watched || remote.watched) remote.watched_us = now;
+  if (now - remote.watched_us >= settings_.linger_us) return true;
+  const DirectoryEntry* holder = directory.live(remote.stream->name(), now);
+  if (holder == nullptr) return complete;
+  return holder->owner != remote.entry.owner || holder->epoch != remote.entry.epoch;
+}
+
+/// Null: the stream has no sender elsewhere, or is not watched.
+const DirectoryEntry* Following::wanted_entry(const Stream& stream, const Directory& directory) const {
+  if (stream.has_publisher() || stream.watchers() == 0) return nullptr;
+  const DirectoryEntry* holder = directory.live(stream.name(), environment_.now_us());
+  return holder == nullptr || holder->owner == settings_.id || holder->epoch < stream.epoch() ? nullptr : holder;
 }
 
 void Following::follow(Stream& stream, const DirectoryEntry& entry) {
@@ -127,6 +148,7 @@ void Following::fetch_surface(const RemotePtr& remote) {
   assets_.fetch(remote->entry.owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
     const auto still = weak.lock();
     if (!still || still->stream == nullptr) return;
+    note(still->stream->name());
     if (fetched) {
       still->phase = Remote::Phase::kFetched;
       return;
@@ -181,6 +203,7 @@ void Following::take(Remote& remote, Bytes message) {
     ++totals_.frames_followed;
   }
   totals_.frames_dropped += remote.follower.dropped() - dropped;
+  if (!remote.follower.is_joined()) note(remote.stream->name());
   hub_->mark_dirty(*remote.stream);
   hub_->deliver();
   hub_->prepare();

@@ -6,8 +6,10 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "broker/backbone/asset_exchange.h"
 #include "broker/backbone/directory.h"
@@ -24,12 +26,14 @@ struct BackboneSettings {
   TimeUs claim_timeout_us = 12'000'000;   ///< Without an answer of the table, claims are granted locally after this.
   TimeUs retry_us = 500'000;              ///< Delay of retries.
   TimeUs linger_us = 5'000'000;           ///< An unwatched stream is followed for this long.
+  TimeUs sweep_us = 1'000'000;            ///< Period of comparing all names: time alone changes some.
 };
 struct BackboneTotals {
   bool connected = false;
   std::uint64_t brokers = 1, streams_known = 0, streams_subscribed = 0;
   std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
   std::uint64_t claims_refused = 0, senders_evicted = 0, disconnects = 0, asset_bytes_fetched = 0;
+  std::uint64_t names_compared = 0;  ///< Wanted with actual state.
 };
 struct BackboneEnvironment {
   std::function<TimeUs()> now_us;
@@ -66,7 +70,13 @@ class Following {
   bool feeds(std::string_view name) const;
   void forget_stream(std::string_view name);
 
+  /// Call when a stream's watchers or sender here, or its entry in the directory, have changed; note_all(): when any
+  /// may have.
+  void note(std::string_view name) { changed_.emplace(name); }
+  void note_all() { next_sweep_us_ = 0; }
+
   /// Follows remote streams that are watched here and no others. `complete`: absent entries of the directory count.
+  /// Compares what was noted and is unfinished, and all names once in sweep_us.
   void reconcile(const Directory& directory, bool connected, bool complete);
 
   std::size_t size() const { return remotes_.size(); }
@@ -75,8 +85,9 @@ class Following {
   struct Remote;
   using RemotePtr = std::shared_ptr<Remote>;
 
-  void stop_unwanted(const Directory& directory, bool complete);
-  void start_wanted(const Directory& directory);
+  std::vector<std::string> take_changed();
+  bool is_over(Remote& remote, const Directory& directory, bool complete) const;
+  const DirectoryEntry* wanted_entry(const Stream& stream, const Directory& directory) const;
   void unfollow(const std::string& name);
   void advance(const RemotePtr& remote);
   void fetch_surface(const RemotePtr& remote);
@@ -91,6 +102,8 @@ class Following {
   BackboneTotals& totals_;
   Hub* hub_ = nullptr;
   std::map<std::string, RemotePtr, std::less<>> remotes_;
+  std::set<std::string, std::less<>> changed_;
+  TimeUs next_sweep_us_ = 0;
 };
 
 }  // namespace eigencast::broker

@@ -128,6 +128,7 @@ void Stream::release(PublisherLink& link) {
   if (publisher_ != &link) return;
   publisher_ = nullptr;
   stall();
+  report_count();
 }
 
 void Stream::stall() {
@@ -419,6 +420,7 @@ void Stream::deliver(Group& group) {
 }
 
 void Stream::report_count() {
+  for (StreamTap* tap : settings_.taps) tap->on_demand_changed(*this);
   if (publisher_ != nullptr) publisher_->on_watcher_count(watchers());
 }
 

@@ -53,6 +53,8 @@ class StreamTap {
   virtual void on_announced(const Stream& stream) = 0;
   virtual void on_key(const Stream& stream, const KeyRecordPtr& record) = 0;
   virtual void on_stalled(const Stream& stream) = 0;
+  /// The number of its watchers in all loops has changed, or its publisher has gone.
+  virtual void on_demand_changed(const Stream& /*stream*/) {}
   virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
   virtual void on_forgotten(const Stream& stream) = 0;
 };

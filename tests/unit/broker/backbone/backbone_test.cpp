@@ -59,6 +59,46 @@ TEST_F(BackboneTest, UnwatchedStreamsAreNotFollowed) {
   EXPECT_EQ(viewer.poses.back().key, key_number(2));
 }
 
+TEST_F(BackboneTest, WatchedNamesCostWhatChanges) {
+  constexpr std::uint64_t kNames = 10'000, kTicks = 400;
+  for (std::uint64_t i = 0; i < kNames; ++i) watch(b(), new_viewer(), "waiting/" + std::to_string(i));
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(1'000'000);
+  const auto compared = [&] { return b().backbone->totals().names_compared; };
+  const std::uint64_t before = compared();
+  pass(kTicks * 25'000);
+  EXPECT_LE(compared() - before, kTicks / 40 * (kNames + 1)) << "a sweep a second";
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  pass(25'000);
+  const std::uint64_t began = compared();
+  for (int i = 0; i < 10; ++i) {  // Its rows change, and no others.
+    sender.stream->release(sender);
+    network.run();
+    sender.publish(a(), "s", asset);
+    network.run();
+  }
+  EXPECT_LE(compared() - began, 100U);
+  pass(50'000);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive) << "at once, not at the next sweep";
+}
+
+TEST_F(BackboneTest, RefusedSenderLeavesTheStreamToOthersAtOnce) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(1'000'000);
+  SiteSender& second = new_sender();
+  second.publish(b(), "s", b().put(content(9, 10)));
+  network.run();
+  ASSERT_TRUE(second.granted && !*second.granted);
+  pass(50'000);
+  send(sender);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive) << "not at the next sweep";
+}
+
 TEST_F(BackboneTest, AssetIsFetchedOncePerBroker) {
   SiteSender& sender = new_sender();
   publish(sender, a());
