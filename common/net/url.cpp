@@ -85,9 +85,12 @@ std::string_view take_broker(std::string_view authority, std::string& host, std:
   return {};
 }
 
-/// Splits what stands between commas. Returns what is wrong, or nothing.
-std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
+/// Splits what stands between commas; `rest` follows. Returns what is wrong, or nothing.
+std::string_view take_authority(std::string_view authority, std::string_view rest, BrokerUrl& url) {
   if (authority.find('@') != std::string_view::npos) return "it must not contain a user name or password";
+  if (rest.starts_with("//") && authority.ends_with(':') && authority.find(',') != std::string_view::npos) {
+    return "the scheme stands once, before the first of several brokers, and is the same for all: ws://a,b/stream";
+  }
   const std::size_t end = std::min(authority.find(','), authority.size());
   std::string_view why = take_broker(authority.substr(0, end), url.host, url.port);
   for (std::size_t comma = end; why.empty() && comma < authority.size();) {
@@ -177,8 +180,9 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
   if (rest.find('#') != std::string_view::npos) return bad_url(text, "a '#' has no meaning here");
 
   const std::size_t authority_end = rest.find_first_of("/?");
-  if (const auto why = take_authority(rest.substr(0, authority_end), url); !why.empty()) return bad_url(text, why);
-  rest = authority_end == std::string_view::npos ? std::string_view() : rest.substr(authority_end);
+  const std::string_view authority = rest.substr(0, authority_end);
+  rest.remove_prefix(authority.size());
+  if (const auto why = take_authority(authority, rest, url); !why.empty()) return bad_url(text, why);
 
   if (const std::size_t mark = rest.find('?'); mark != std::string_view::npos) {
     take_query(rest.substr(mark + 1), url);

@@ -413,6 +413,9 @@ class BeastWebSocket final : public WebSocket {
     if (failure.min_wait > wait) wait = retry_delay(1, failure.min_wait, failure.min_wait, unit);
     if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
     wait = order_.go_on(now, wait, step);
+    if (options_.url.brokers() > 1) {
+      failure.error.message += "; next is " + options_.url.at(order_.broker()).origin();
+    }
     connect_after(wait);  // First: the handler may throw.
     report_down(failure.error, wait);
   }

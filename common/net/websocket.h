@@ -42,6 +42,7 @@ struct WebSocketEvents {
   std::function<void(std::string_view)> on_text;
   std::function<void(ByteView)> on_binary;
   /// The broker was lost or not reached; the next try starts in `retry_in` (0: none, stopped or refused for good).
+  /// `why` says which of several brokers is next.
   std::function<void(const Error& why, std::chrono::milliseconds retry_in)> on_down;
 };
 

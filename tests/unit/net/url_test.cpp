@@ -60,6 +60,18 @@ TEST(Url, ErrorsShowNoSecret) {
   }
 }
 
+TEST(Url, SecondSchemeIsNamedWithWhatToWrite) {
+  for (const char* text : {"ws://a,wss://b/s", "ws://a,ws://b/s", "wss://a:1,https://b:2,c", "ws://a,b,wss://"}) {
+    const auto url = parse_broker_url(text);
+    ASSERT_FALSE(url) << text;
+    EXPECT_NE(url.error().message.find("scheme"), std::string::npos) << url.error().message;
+    EXPECT_NE(url.error().message.find("ws://a,b/stream"), std::string::npos) << url.error().message;
+  }
+  for (const char* text : {"ws://a,b:/s", "ws://a,b://s"}) {
+    EXPECT_FALSE(parse_broker_url(text)) << text;
+  }
+}
+
 TEST(Url, SeveralBrokersShareAllButHostAndPort) {
   const auto url = parse_broker_url("wss://a,[::1]:7000,c:81/live/x?rate=raw&access_token=t");
   ASSERT_TRUE(url) << url.error().message;

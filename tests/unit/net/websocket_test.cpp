@@ -160,6 +160,8 @@ TEST(WebSocketToBroker, BrokerOfAListIsNotWaitedFor) {
   b.stop();
   ASSERT_TRUE(eventually([&] { return log.down_count() == 2; }));
   EXPECT_LE(log.down(0).second, milliseconds(51));
+  const std::string next = ":" + std::to_string(b.port());
+  EXPECT_NE(log.down(0).first.message.find(next), std::string::npos) << log.down(0).first.message;
   EXPECT_GT(log.down(1).second, milliseconds(2'000'000)) << "both have failed: their back-off";
 }
 
