@@ -6,16 +6,13 @@
 
 Skipped without root, network namespaces or nats-server.
 """
-import json
 import os
 import pathlib
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import unittest
 import urllib.request
@@ -24,68 +21,10 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker"), str(pathlib.Path(__file__).parent)]
 import cases
 import hosts
-from websocket_peer import BINARY, TEXT, Peer
+from viewer import Viewer
 
 PROGRAMS = None
 DATA_PORT, ADMIN_PORT = 7490, 7491
-KEY, JOIN = 1, 2
-
-
-class Viewer(threading.Thread):
-    """Watches a stream's keys at one broker and notes what a viewer must never see."""
-
-    def __init__(self, host, stream):
-        super().__init__(daemon=True)
-        self.host, self.stream = host, stream
-        self.frames = []  # (epoch, sequence)
-        self.states = []
-        self.faults = []
-        self.over = False
-        self.start()
-
-    def run(self):
-        while not self.over:
-            try:
-                with self.host.within():
-                    peer = Peer(DATA_PORT, f"/v1/subscribe/{self.stream}?rate=raw", "eigencast.v1")
-                peer.sock.settimeout(0.5)
-                self.watch(peer)
-            except (OSError, EOFError, AssertionError):
-                time.sleep(0.1)
-
-    def watch(self, peer):
-        stream_id = epoch = None
-        while not self.over:
-            try:
-                opcode, payload = peer.receive()
-            except TimeoutError:
-                continue
-            if opcode == TEXT:
-                message = json.loads(payload)
-                if message["op"] == "stream":
-                    if message["stream"] != self.stream:
-                        self.faults.append(f"told of {message['stream']}")
-                    stream_id, epoch = message["stream_id"], message["epoch"]
-                    self.states.append((time.monotonic(), message["state"], epoch))
-                continue
-            if opcode != BINARY:
-                continue
-            first, _, _, of, frame_epoch, sequence, _ = struct.unpack("<BBBIIQQ", payload[:27])
-            kind = first & 7
-            if of != stream_id or frame_epoch != epoch:
-                self.faults.append(f"a frame of stream {of}, epoch {frame_epoch} within {stream_id}, {epoch}")
-            if self.frames:
-                last_epoch, last_sequence = self.frames[-1]
-                if frame_epoch < last_epoch:
-                    self.faults.append(f"epoch {frame_epoch} after {last_epoch}")
-                if frame_epoch == last_epoch and sequence < last_sequence:
-                    self.faults.append(f"{sequence} after {last_sequence}")
-                if frame_epoch == last_epoch and kind == KEY and sequence != last_sequence + 1:
-                    self.faults.append(f"key {sequence} after {last_sequence}")
-            self.frames.append((frame_epoch, sequence))
-
-    def newest_epoch(self):
-        return self.frames[-1][0] if self.frames else 0
 
 
 class Cluster(unittest.TestCase):
@@ -171,7 +110,8 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         return process
 
     def watch(self, broker, stream):
-        viewer = Viewer(self.hosts[broker], stream)
+        viewer = Viewer([DATA_PORT], stream, raw=True, within=self.hosts[broker].within)
+        viewer.broker = broker
         self.viewers.append(viewer)
         return viewer
 
@@ -200,13 +140,13 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
 
     def goes_on(self, viewers, what):
         """Each gets two seconds' worth of frames more."""
-        counts = [len(viewer.frames) for viewer in viewers]
-        took = self.wait_for(lambda: all(len(v.frames) > n + 60 for v, n in zip(viewers, counts)), 60, f"{what}: all go on")
+        counts = [viewer.frames for viewer in viewers]
+        took = self.wait_for(lambda: all(v.frames > n + 60 for v, n in zip(viewers, counts)), 60, f"{what}: all go on")
         print(f"  {what}: two seconds of frames more within {took:.1f} s")
 
     def assert_clean(self):
         for viewer in self.viewers:
-            self.assertEqual(viewer.faults, [], f"{viewer.stream} at {viewer.host.name}")
+            self.assertEqual(viewer.faults, [], f"{viewer.stream} at {viewer.broker}")
 
     # ---- What must hold ----
 
@@ -216,7 +156,7 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         one = [self.watch(b, "lab/one") for b in self.BROKERS]
         two = [self.watch(b, "lab/two") for b in self.BROKERS]
         self.goes_on(one + two, "both streams at all brokers")
-        self.assertEqual(len({v.newest_epoch() for v in one}), 1)
+        self.assertEqual(len({v.epoch for v in one}), 1)
 
         for victim in self.NATS[:2]:
             self.kill(victim)
@@ -232,7 +172,7 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         self.wait_for_nats()
 
         self.kill("b3")
-        self.goes_on([v for v in one + two if v.host.name != "b3"], "broker b3 killed")
+        self.goes_on([v for v in one + two if v.broker != "b3"], "broker b3 killed")
         self.start_broker("b3")
         self.goes_on(one + two, "broker b3 started again")
 
@@ -249,16 +189,16 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         viewers = [self.watch(b, "lab/one") for b in self.BROKERS]
         self.goes_on(viewers, "one sender")
         for target in ("b2", "b3", "b1"):
-            epoch = max(v.newest_epoch() for v in viewers)
+            epoch = max(v.epoch for v in viewers)
             sender.send_signal(signal.SIGKILL)
             sender.wait()
             moved = time.monotonic()
             sender = self.start_sender(target, "lab/one")
-            self.wait_for(lambda: all(v.newest_epoch() > epoch for v in viewers), 60, f"frames of the sender at {target}")
+            self.wait_for(lambda: all(v.epoch > epoch for v in viewers), 60, f"frames of the sender at {target}")
             print(f"  moved to {target}: seen by all after {time.monotonic() - moved:.1f} s")
-        self.assertEqual(len({v.newest_epoch() for v in viewers}), 1)
+        self.assertEqual(len({v.epoch for v in viewers}), 1)
         # Its broker dies, it goes elsewhere.
-        epoch = viewers[1].newest_epoch()
+        epoch = viewers[1].epoch
         self.kill("b1")
         sender.kill()
         sender = self.start_sender("b2", "lab/one")
@@ -268,7 +208,7 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
             if tries[-1].poll() is not None:  # Refused while b1 may still be alive.
                 tries.append(self.start_sender("b2", "lab/one"))
                 time.sleep(0.5)
-            return all(v.newest_epoch() > epoch for v in viewers[1:])
+            return all(v.epoch > epoch for v in viewers[1:])
         took = self.wait_for(moved_over, 60, "the sender's new broker takes over")
         print(f"  its broker killed: taken over after {took:.1f} s")
         self.assert_clean()
@@ -276,9 +216,9 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
     def test_two_senders_at_once(self):
         first, second = self.start_sender("b1", "lab/one"), self.start_sender("b2", "lab/one")
         viewers = [self.watch(b, "lab/one") for b in self.BROKERS]
-        self.wait_for(lambda: all(v.frames for v in viewers) and len({v.newest_epoch() for v in viewers}) == 1, 60, "one of the two wins")
+        self.wait_for(lambda: all(v.frames for v in viewers) and len({v.epoch for v in viewers}) == 1, 60, "one of the two wins")
         self.goes_on(viewers, "one of two senders")
-        self.assertEqual(len({v.newest_epoch() for v in viewers}), 1, "all watch the same of the two")
+        self.assertEqual(len({v.epoch for v in viewers}), 1, "all watch the same of the two")
         owned = [self.metric(b, "eigencast_broker_backbone_frames_published_total") > 0 for b in self.BROKERS[:2]]
         self.assertEqual(sum(owned), 1)
         self.assert_clean()

@@ -28,7 +28,7 @@ sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker"), str(pat
 import cases
 import nats_users
 import payloads
-from websocket_peer import BINARY, TEXT, Peer, frame, ports_of
+from websocket_peer import BINARY, TEXT, Peer, frame, free_ports, ports_of
 
 PROGRAMS = CLOCK = None
 
@@ -92,9 +92,7 @@ tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_fil
 
     def start_nats(self, rest, verify="false"):
         if self.nats is None:
-            with socket.socket() as probe:
-                probe.bind(("127.0.0.1", 0))
-                self.nats = probe.getsockname()[1]
+            self.nats, = free_ports(1)
         config = pathlib.Path(self.folder, "nats.conf")
         config.write_text(self.SERVER.format(port=self.nats, folder=self.folder, rest=rest, verify=verify))
         self.log = pathlib.Path(self.folder, "nats.log")
@@ -423,9 +421,7 @@ class Ending(unittest.TestCase):
             self.skipTest("no nats-server")
         folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-ending-"))
         self.addCleanup(shutil.rmtree, folder)
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port, = free_ports(1)
         nats = subprocess.Popen(["nats-server", "-a", "127.0.0.1", "-p", str(port), "-js", "-sd", folder / "jetstream"], stderr=subprocess.DEVNULL)
         self.addCleanup(nats.wait)
         self.addCleanup(nats.terminate)

@@ -10,72 +10,21 @@ import json
 import os
 import pathlib
 import shutil
-import socket
-import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import unittest
 import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker"), str(pathlib.Path(__file__).parent)]
 import cases
 import payloads
-from websocket_peer import BINARY, TEXT, Peer, frame
+from viewer import Viewer
+from websocket_peer import TEXT, Peer, frame, free_ports
 
 PROGRAMS = None
-
-
-def free_ports(count):
-    probes = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [probe.getsockname()[1] for probe in probes]
-    for probe in probes:
-        probe.close()
-    return ports
-
-
-class Viewer(threading.Thread):
-    """Watches stream s at one of several brokers, at the next when that is gone."""
-
-    def __init__(self, ports):
-        super().__init__(daemon=True)
-        self.ports, self.epoch, self.frames, self.came_us, self.faults, self.over = ports, 0, 0, 0, [], False
-        self.start()
-
-    def run(self):
-        turn = 0
-        while not self.over:
-            try:
-                peer = Peer(self.ports[turn % len(self.ports)], "/v1/subscribe/s", "eigencast.v1")
-                peer.sock.settimeout(0.5)
-                self.watch(peer)
-            except (OSError, EOFError, AssertionError):
-                turn += 1
-                time.sleep(0.02)
-
-    def watch(self, peer):
-        stream_id = epoch = newest = None
-        while not self.over:
-            try:
-                opcode, payload = peer.receive()
-            except TimeoutError:
-                continue
-            message = json.loads(payload) if opcode == TEXT else {}
-            if message.get("op") == "stream":
-                stream_id, epoch, newest = message["stream_id"], message["epoch"], (0, 0)
-            if opcode != BINARY:
-                continue
-            _, _, step, of, frame_epoch, sequence, _ = struct.unpack("<BBBIIQQ", payload[:27])
-            # A step of 0 is the key itself, after what leads up to it.
-            place = sequence, (step >> 4) / (step & 15) if step else 1
-            if (of, frame_epoch) != (stream_id, epoch) or frame_epoch < self.epoch or place < newest:
-                self.faults.append(f"{place} of {of}, {frame_epoch} after {newest} of {stream_id}, {epoch}; seen: {self.epoch}")
-            newest, self.epoch = place, frame_epoch
-            self.frames += 1
-            self.came_us = time.monotonic_ns() // 1000
 
 
 class Resume(unittest.TestCase):

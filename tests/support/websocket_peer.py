@@ -140,3 +140,12 @@ def ports_of(file):
             return [int(line) for line in file.read_text().split()]
         time.sleep(0.05)
     raise TimeoutError(f"{file} does not appear")
+
+
+def free_ports(count):
+    """Of loopback, for servers that cannot choose their own."""
+    probes = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [probe.getsockname()[1] for probe in probes]
+    for probe in probes:
+        probe.close()
+    return ports
