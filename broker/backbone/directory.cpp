@@ -4,6 +4,9 @@
 #include <nlohmann/json.hpp>
 #include <tuple>
 
+#include "broker/config/config.h"
+#include "common/core/text.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -76,9 +79,9 @@ std::optional<std::string> stream_from_token(std::string_view token) {
 }
 
 bool is_broker_id(std::string_view id) {
-  constexpr std::string_view kAllowed = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_.";
-  return !id.empty() && id.size() <= kMaxIdBytes && id.find_first_not_of(kAllowed) == std::string_view::npos &&
-         id.front() != '.' && id.back() != '.' && id.find("..") == std::string_view::npos;
+  if (id.size() > kMaxIdBytes) return false;
+  const auto parts = split(id, '.');
+  return std::all_of(parts.begin(), parts.end(), is_broker_name);
 }
 
 std::string_view name_of_broker(std::string_view id) {

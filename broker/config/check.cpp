@@ -65,6 +65,11 @@ Result<void> check_listeners(const Config& config) {
 
 }  // namespace
 
+bool is_broker_name(std::string_view name) {
+  constexpr std::string_view kAllowed = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+  return !name.empty() && name.size() <= 32 && name.find_first_not_of(kAllowed) == std::string_view::npos;
+}
+
 Result<void> check_config(const Config& config) {
   if (auto good = check_listeners(config); !good) return good;
   if (config.tls.certificate.empty() != config.tls.key.empty()) {
@@ -76,9 +81,8 @@ Result<void> check_config(const Config& config) {
   if (config.backbone.certificate.empty() != config.backbone.key.empty()) {
     return inconsistent("backbone.certificate and backbone.key go together: set both, or none");
   }
-  constexpr std::string_view kInNames = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
   const std::string& name = config.backbone.name;
-  if (name.size() > 32 || name.find_first_not_of(kInNames) != std::string::npos) {
+  if (!name.empty() && !is_broker_name(name)) {
     return inconsistent("backbone.name = '" + name + "' must be 1 to 32 letters, digits, - and _: it is in subjects");
   }
   const std::string& prefix = config.proxy.path_prefix;

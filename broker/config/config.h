@@ -65,6 +65,9 @@ std::string toml_of(const SettingValue& value);
 std::string closest_to(std::string_view wanted, std::span<const std::string> names);
 Error unknown_setting(std::string_view path);  ///< With a suggestion.
 
+/// 1 to 32 letters, digits, '-' and '_': a part of NATS subjects.
+bool is_broker_name(std::string_view name);
+
 /// Checks settings that depend on each other.
 Result<void> check_config(const Config& config);
 
