@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
@@ -60,6 +61,20 @@ class Link {
                          std::function<void(const Result<std::uint64_t>&)> written) = 0;
   /// Tells the other brokers of a row of the table as this broker knows it, whether or not the table answers.
   virtual void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) = 0;
+};
+
+/// What a link's listener has yet to hear of its connection: a loss, then a new connection. Noted with each change, so
+/// that its order does not depend on which thread reports first.
+struct ConnectionNews {
+  std::optional<std::string> lost;  ///< Why, the last time.
+  bool connected = false;
+
+  void note_connected() { connected = true; }
+  void note_lost(std::string why) { *this = {std::move(why), false}; }
+  void report(Link::Listener& listener) const {
+    if (lost) listener.on_disconnected(*lost);
+    if (connected) listener.on_connected();
+  }
 };
 
 }  // namespace eigencast::broker

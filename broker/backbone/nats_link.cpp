@@ -90,15 +90,19 @@ void NatsLink::to_loop(std::function<void()> work) {
 }
 
 void NatsLink::post_to_listener(std::function<void()> work) {
-  const std::lock_guard lock(mutex_);
-  post_in_order(std::move(work));
+  to_loop([self = shared_from_this(), work = std::move(work)] {
+    if (*self->open_) work();
+  });
 }
 
-/// REQUIRES: mutex_ is held since the state changed of which `work` tells, so that the listener hears them in order.
-void NatsLink::post_in_order(std::function<void()> work) {
-  if (stopping_) return;
-  on_loop_([self = shared_from_this(), work = std::move(work)] {
-    if (*self->open_) work();
+/// Call after each change of news_.
+void NatsLink::report_connection() {
+  wake_.notify_all();
+  post_to_listener([this] {
+    std::unique_lock lock(mutex_);
+    const ConnectionNews news = std::exchange(news_, {});
+    lock.unlock();
+    news.report(*listener_);
   });
 }
 
@@ -113,9 +117,9 @@ void NatsLink::on_closed(natsConnection* connection) {
     connected_ = false;
     outgoing_.clear();  // Old frames are useless after a reconnection.
     outgoing_bytes_ = 0;
-    post_in_order([this, why] { listener_->on_disconnected(why); });
+    news_.note_lost(why);
   }
-  wake_.notify_all();
+  report_connection();
 }
 
 /// Tries the next server.
@@ -138,7 +142,10 @@ void NatsLink::connect() {
     const char* error = nats_GetLastError(nullptr);
     const std::string why = std::string("no NATS server takes this broker yet") +
                             (error != nullptr && *error != 0 ? " (" + std::string(error) + ")" : std::string());
-    post_to_listener([this, why] { listener_->on_disconnected(why); });
+    lock.lock();
+    news_.note_lost(why);
+    lock.unlock();
+    report_connection();
     lock.lock();
     wake_.wait_for(lock, kRetryTime, [this] { return stopping_; });
     return;
@@ -159,9 +166,9 @@ void NatsLink::connect() {
   const auto last = std::exchange(connection_, {made, natsConnection_Destroy});
   subscribed_changed_ = connected_ = true;
   ++generation_;
-  post_in_order([this] { listener_->on_connected(); });
+  news_.note_connected();
   lock.unlock();
-  wake_.notify_all();
+  report_connection();
   if (natsConnection_IsClosed(made)) on_closed(made);  // It was before it was known here.
 }
 

@@ -89,7 +89,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   void send(const std::string& subject, Bytes message, const std::string& reply);
   void to_loop(std::function<void()> work);
   void post_to_listener(std::function<void()> work);
-  void post_in_order(std::function<void()> work);
+  void report_connection();
   void run(std::thread& thread, void (NatsLink::*work)());
   void connect();
   void end_try(std::unique_lock<std::mutex>& lock);
@@ -134,6 +134,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   std::size_t outgoing_bytes_ = 0;
   std::deque<std::function<void()>> rows_;
   bool connected_ = false, stopping_ = false;
+  ConnectionNews news_;
   bool written_ = false;  ///< The writer has ended.
   int running_ = 0;       ///< Threads of the link.
   std::optional<std::chrono::steady_clock::time_point> try_until_;

@@ -72,6 +72,26 @@ class NatsPeer {
   std::string address() const { return "nats://127.0.0.1:" + std::to_string(acceptor_.local_endpoint().port()); }
   int connections() const { return connections_; }
   bool mute() const { return mute_; }  ///< A client waits for a word.
+  /// How often, on all connections, a line of clients began so.
+  int count(const std::string& begin) const {
+    const std::lock_guard lock(mutex_);
+    return static_cast<int>(
+        std::count_if(heard_.begin(), heard_.end(), [&](const auto& line) { return line.starts_with(begin); }));
+  }
+  /// The number of the client's subscription; waits for it.
+  std::string number_of(const std::string& subject) const {
+    const std::string line = line_of("SUB " + subject);
+    return line.substr(line.rfind(' ') + 1);
+  }
+  /// The last line that began so; waits for it.
+  std::string line_of(const std::string& begin) const {
+    for (;; std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
+      const std::lock_guard lock(mutex_);
+      const auto found =
+          std::find_if(heard_.rbegin(), heard_.rend(), [&](const auto& line) { return line.starts_with(begin); });
+      if (found != heard_.rend()) return *found;
+    }
+  }
   /// Is sent once to the client that is connected.
   void say(const std::string& line) {
     const std::lock_guard lock(mutex_);
@@ -121,6 +141,10 @@ class NatsPeer {
       const std::string read = line();  // The client pings several times a second.
       std::string subject, number;
       if (read == "PING") send("PONG\r\n");
+      {
+        const std::lock_guard lock(mutex_);
+        heard_.push_back(read);
+      }
       std::istringstream words(read);
       std::string word;
       if (words >> word >> subject >> number && word == "SUB" && subject == "news") {
@@ -135,8 +159,9 @@ class NatsPeer {
   std::atomic<int> connections_{0};
   std::atomic<bool> ending_{false};
   std::atomic<bool> mute_{false};
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::string said_;
+  std::vector<std::string> heard_;
   std::thread thread_;
 };
 
@@ -153,7 +178,8 @@ class PumpedLoop : public Link::Listener {
     const auto until = std::chrono::steady_clock::now() + kPatience;
     std::unique_lock lock(mutex_);
     while (!condition()) {
-      if (!wake_.wait_until(lock, until, [this] { return !work_.empty(); })) return false;
+      if (std::chrono::steady_clock::now() > until) return false;
+      if (!wake_.wait_for(lock, std::chrono::milliseconds(10), [this] { return !work_.empty(); })) continue;
       const auto work = std::move(work_.front());
       work_.pop_front();
       lock.unlock();
@@ -163,16 +189,35 @@ class PumpedLoop : public Link::Listener {
     return true;
   }
 
-  void on_connected() override { ++connected; }
-  void on_disconnected(const std::string&) override { ++disconnected; }
+  /// The last that was posted first: nothing orders what several threads post.
+  void run_backwards() {
+    std::unique_lock lock(mutex_);
+    const auto posted = std::exchange(work_, {});
+    lock.unlock();
+    for (auto work = posted.rbegin(); work != posted.rend(); ++work) (*work)();
+  }
+  std::size_t waiting() const {
+    const std::lock_guard lock(mutex_);
+    return work_.size();
+  }
+
+  void on_connected() override {
+    ++connected;
+    order += '+';
+  }
+  void on_disconnected(const std::string&) override {
+    ++disconnected;
+    order += '-';
+  }
   void on_new_table() override {}
   void on_row(const std::string&, std::optional<std::string>, std::uint64_t, const std::string&) override {}
   void on_table_read() override {}
 
   int connected = 0, disconnected = 0;
+  std::string order;
 
  private:
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable wake_;
   std::deque<std::function<void()>> work_;
 };
@@ -242,6 +287,34 @@ TEST_P(MuteNatsServerTest, HoldsUpNoStopThatFindsItReconnecting) {
 
 INSTANTIATE_TEST_SUITE_P(Mute, MuteNatsServerTest,
                          ::testing::Values(Manner::kSaysNothing, Manner::kMuteAfterInfo, Manner::kMuteInTls));
+
+TEST_F(NatsLinkTest, LossAndNewConnectionAreHeardInTheirOrder) {
+  start({});
+  ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));
+  peer_->say("-ERR 'Stale Connection'\r\n");
+  while (peer_->count("SUB news ") < 2) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  loop_.run_backwards();
+  EXPECT_TRUE(loop_.run_until([&] { return loop_.connected == 2; }));
+  EXPECT_EQ(loop_.order, "+-+");
+}
+
+TEST(ConnectionNewsTest, ALossComesBeforeTheNextConnection) {
+  PumpedLoop listener;
+  ConnectionNews news;
+  const auto report = [&] { std::exchange(news, {}).report(listener); };
+  report();
+  EXPECT_EQ(listener.order, "") << "nothing has changed";
+  news.note_lost("why");
+  news.note_connected();
+  report();
+  report();
+  EXPECT_EQ(listener.order, "-+") << "once";
+  news.note_lost("why");
+  news.note_connected();
+  news.note_lost("why");
+  report();
+  EXPECT_EQ(listener.order, "-+-") << "a connection that is gone is not reported";
+}
 
 TEST_F(NatsLinkTest, ErrorsOfAConnectionMakeANewOne) {
   start({});
