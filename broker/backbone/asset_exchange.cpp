@@ -99,7 +99,7 @@ void AssetExchange::serve(const std::string& self) {
 }
 
 void AssetExchange::fetch(const std::string& owner, const Sha256& asset, Done done) {
-  if (const auto under_way = transfers_.find(asset); under_way != transfers_.end()) {
+  if (const auto under_way = transfers_.find({owner, asset}); under_way != transfers_.end()) {
     under_way->second->done.push_back(std::move(done));
     return;
   }
@@ -107,7 +107,7 @@ void AssetExchange::fetch(const std::string& owner, const Sha256& asset, Done do
   transfer->owner = owner;
   transfer->asset = asset;
   transfer->done.push_back(std::move(done));
-  transfers_[asset] = transfer;
+  transfers_[{owner, asset}] = transfer;
   transfer->wanted = {asset};
   advance(transfer);
 }
@@ -177,8 +177,8 @@ void AssetExchange::ask_range(const TransferPtr& transfer, const Sha256& id, con
     in.u8();
     const std::uint64_t size = in.u64();
     const std::uint64_t came = in.remaining();
-    const bool makes_sense = !in.failed() && size <= store_.settings().max_object_bytes && offset + came <= size &&
-                             (came > 0 || size == offset);
+    const bool makes_sense = !in.failed() && size <= store_.settings().max_object_bytes && offset <= size &&
+                             came == std::min<std::uint64_t>(kRangeBytes, size - offset);
     if (!makes_sense) return finish(transfer, malformed_reply());
     fetched_bytes_ += came;
     const std::uint64_t next = offset + came;
@@ -208,7 +208,7 @@ void AssetExchange::on_disk(const TransferPtr& transfer, std::function<Result<vo
 
 void AssetExchange::finish(const TransferPtr& transfer, const Result<void>& result) {
   transfer->over = true;
-  transfers_.erase(transfer->asset);
+  transfers_.erase({transfer->owner, transfer->asset});
   for (const Done& done : transfer->done) done(result);
 }
 

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "broker/backbone/link.h"
 #include "broker/storage/asset_store.h"
@@ -14,11 +15,11 @@
 namespace eigencast::broker {
 
 /// Copies assets between brokers' stores over a Link, object by object and in ranges; each object is verified by its
-/// hash before it is visible. Concurrent requests for one asset share a transfer.
+/// hash before it is visible. Concurrent requests for one asset of one owner share a transfer.
 ///
 /// Requests and replies, little-endian:
 ///   'L' id[32]              -> 0 ids[32 n]: the objects that object `id` references, or 1: not found
-///   'R' id[32] offset u64   -> 0 size u64, bytes from offset on, at most kRangeBytes; or 1
+///   'R' id[32] offset u64   -> 0 size u64, bytes from offset on, kRangeBytes or to its end; or 1
 /// Belongs to the event loop; disk access runs on the disk's threads.
 class AssetExchange {
  public:
@@ -65,7 +66,7 @@ class AssetExchange {
   std::string prefix_;
   std::function<void(Work)> on_disk_, on_loop_;
   std::shared_ptr<void> serving_;
-  std::map<Sha256, TransferPtr> transfers_;
+  std::map<std::pair<std::string, Sha256>, TransferPtr> transfers_;  ///< By owner: a slow one holds up no other.
   std::uint64_t fetched_bytes_ = 0;
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);  ///< False: late callbacks do nothing.
 };

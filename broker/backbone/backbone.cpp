@@ -159,6 +159,9 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   if (auto taken = directory_.take(*name, text, revision, environment_.now_us(), from); !taken) {
     return environment_.warn("stream '" + *name + "': " + taken.error().message);
   }
+  const Directory::Known* known = directory_.find(*name);
+  // Rows are forgotten in time; epochs grow all the same.
+  if (known != nullptr && known->entry) environment_.note_epoch(known->entry->epoch);
   note(*name);
   // The rest waits for the next tick.
   const bool used_here = own_.contains(*name) || claims_.contains(*name) || hub_->find(*name) != nullptr;
@@ -244,8 +247,8 @@ void Backbone::try_claim(const std::string& name) {
   const Directory::Known* known = directory_.find(name);
   const Stream* stream = hub_->find(name);
   // A row is forgotten in time; what viewers here have seen is not.
-  const std::uint32_t above = std::max(known != nullptr && known->entry ? known->entry->epoch : 0,
-                                       stream != nullptr ? stream->epoch() : 0);
+  const std::uint32_t above =
+      std::max(known != nullptr && known->entry ? known->entry->epoch : 0, stream != nullptr ? stream->epoch() : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
     if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
     return grant(name, epoch_apart(above));
@@ -309,13 +312,14 @@ void Backbone::on_announced(const Stream& stream) {
   if (following_.feeds(stream.name())) return;
   note(stream.name());
   own_[stream.name()] = {
-      {settings_.id, stream.epoch(), true, stream.announcement(), stream.resume()}, stream.layout(), nullptr};
+      {settings_.id, stream.epoch(), true, stream.announcement(), stream.resume()}, stream.layout(), nullptr, {}};
 }
 
 void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
   const auto found = own_.find(stream.name());
   if (found == own_.end()) return;
   found->second.newest = record;
+  found->second.join.clear();
   if (!connected_) return;
   link_.publish(settings_.prefix + ".frames." + settings_.id + "." + token_from_stream(stream.name()),
                 message_of(record->join ? FrameKind::kJoin : FrameKind::kKey, record->bands, stream.epoch(), *record,
@@ -341,11 +345,15 @@ void Backbone::answer_join(ByteView request, const Link::Reply& reply) {
   if (in.failed() || found == own_.end() || found->second.entry.epoch != epoch || !found->second.newest) {
     return reply({});
   }
-  const KeyRecord& newest = *found->second.newest;
-  const auto payload = encode_join(found->second.layout, *newest.after);
-  if (!payload) return reply({});
+  if (found->second.join.empty()) {
+    const KeyRecord& newest = *found->second.newest;
+    const auto payload = encode_join(found->second.layout, *newest.after);
+    if (!payload) return reply({});
+    found->second.join = message_of(FrameKind::kJoin, newest.after->newer.bands, epoch, newest, *payload);
+    ++totals_.joins_encoded;
+  }
   ++totals_.joins_answered;
-  reply(message_of(FrameKind::kJoin, newest.after->newer.bands, epoch, newest, *payload));
+  reply(found->second.join);
 }
 
 Backbone::Totals Backbone::totals() const {

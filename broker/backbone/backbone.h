@@ -73,6 +73,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
     DirectoryEntry entry;
     CoefficientLayout layout;
     KeyRecordPtr newest;
+    Bytes join;  ///< At `newest`, once a broker has asked for it.
   };
 
   void on_connected() override;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "broker/backbone/follower.h"
 
+#include <numeric>
 #include <utility>
 
 #include "common/wire/envelope.h"
@@ -31,10 +32,11 @@ std::vector<Bytes> Follower::take(Bytes message) {
     return out;
   }
   kept_.push_back({sequence, std::move(message)});
-  if (kept_.size() > kMaxKept) {
-    kept_.pop_front();
-    ++dropped_;
-  }
+  const auto bytes = [this] {
+    return std::accumulate(kept_.begin(), kept_.end(), std::size_t{0},
+                           [](std::size_t sum, const Kept& kept) { return sum + kept.message.size(); });
+  };
+  for (; kept_.size() > kMaxKept || bytes() > kMaxKeptBytes; ++dropped_) kept_.pop_front();
   if (joined_) drain(out);
   return out;
 }

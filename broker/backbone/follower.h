@@ -11,11 +11,12 @@
 namespace eigencast::broker {
 
 /// Restores the order of the messages of one epoch of a remote stream: a join, then consecutive keys. Published keys
-/// may be lost; joins come on request, before or after them. Keeps the last kMaxKept keys while a join is awaited.
+/// may be lost; joins come on request, before or after them. Keeps the last kMaxKept keys while a join is awaited,
+/// and of them no more than kMaxKeptBytes.
 /// Not thread-safe.
 class Follower {
  public:
-  static constexpr std::size_t kMaxKept = 64;
+  static constexpr std::size_t kMaxKept = 64, kMaxKeptBytes = 4u << 20;
   static constexpr TimeUs kJoinTimeoutUs = 500'000;
 
   explicit Follower(std::uint32_t epoch) : epoch_(epoch) {}

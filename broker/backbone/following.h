@@ -31,13 +31,15 @@ struct BackboneSettings {
 struct BackboneTotals {
   bool connected = false;
   std::uint64_t brokers = 1, streams_known = 0, streams_subscribed = 0;
-  std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
+  std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0,
+                joins_encoded = 0;
   std::uint64_t claims_refused = 0, senders_evicted = 0, disconnects = 0, asset_bytes_fetched = 0;
   std::uint64_t names_compared = 0;  ///< Wanted with actual state.
 };
 struct BackboneEnvironment {
   std::function<TimeUs()> now_us;
   std::function<Result<std::uint32_t>(std::uint32_t above)> next_epoch;  ///< As EpochSource::next().
+  std::function<void(std::uint32_t seen)> note_epoch;                    ///< As EpochSource::note().
   std::function<bool()> replaces;     ///< Whether a second sender replaces the first instead of being refused.
   std::function<void()> frames_came;  ///< Called when streams have new frames.
   LogSink log;

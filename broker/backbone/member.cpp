@@ -56,8 +56,15 @@ Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::
   const auto next_epoch = [self](std::uint32_t above) {
     return self->host_->epochs.next(static_cast<std::uint64_t>(std::time(nullptr)), above);
   };
-  Backbone::Environment around{steady_now_us, next_epoch, [self] { return self->host_->replaces(); },
-                               [self] { self->host_->frames_came(); }, std::move(log)};
+  const auto note_epoch = [self](std::uint32_t seen) {
+    self->host_->epochs.note(static_cast<std::uint64_t>(std::time(nullptr)), seen);
+  };
+  Backbone::Environment around{steady_now_us,
+                               next_epoch,
+                               note_epoch,
+                               [self] { return self->host_->replaces(); },
+                               [self] { self->host_->frames_came(); },
+                               std::move(log)};
   Backbone::Settings settings{.id = id, .prefix = config.backbone.prefix};
   member->backbone_ =
       std::make_unique<Backbone>(std::move(settings), *member->link_, *member->exchange_, std::move(around));

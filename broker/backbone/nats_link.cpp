@@ -26,7 +26,8 @@ constexpr auto kDrainTime = 1s;             ///< Time to send the queue when sto
 constexpr auto kTryTime = 2s;               ///< To connect to a server, its TLS handshake included.
 constexpr auto kRetryTime = 250ms;          ///< After all servers have been tried, or a connection was made.
 constexpr std::size_t kMaxServers = 64;     ///< Those that servers name included.
-constexpr auto kClockStep = 1s;             ///< A wall clock that goes back by more was set.
+constexpr std::string_view kInbox = "_INBOX.";
+constexpr auto kClockStep = 1s;  ///< A wall clock that goes back by more was set.
 
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));
@@ -76,7 +77,7 @@ std::shared_ptr<NatsLink> link_of(void* closure) {
 NatsLink::NatsLink(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
     : settings_(std::move(settings)),
       bucket_(bucket_of(settings_.prefix)),
-      inbox_("_INBOX." + settings_.id + "." + random_id(32)),
+      inbox_(std::string(kInbox) + settings_.id + "." + random_id(32)),
       options_(std::move(options)),
       servers_(settings_.servers),
       on_loop_(std::move(on_loop)) {
@@ -207,7 +208,7 @@ void NatsLink::start(Listener& listener) {
       },
       closure_of(weak_from_this()));
   subscriptions_.push_back(listen(inbox_ + ".*", [this](Incoming incoming) {
-    const auto found = requests_.find(std::strtoull(incoming.subject.c_str() + inbox_.size() + 1, nullptr, 10));
+    const auto found = requests_.find(incoming.subject.substr(inbox_.size() + 1));
     if (found == requests_.end()) return;
     const Answer answer = std::move(found->second.answer);
     requests_.erase(found);
@@ -356,6 +357,7 @@ std::shared_ptr<void> NatsLink::subscribe(const std::string& subject, Handler ha
 
 std::shared_ptr<void> NatsLink::serve(const std::string& subject, OnRequest on_request) {
   return listen(subject, [weak = weak_from_this(), on_request = std::move(on_request)](Incoming incoming) {
+    if (!incoming.reply.starts_with(kInbox)) return;  // Who asks must not choose what this broker says elsewhere.
     on_request(std::move(incoming.message), [weak, reply = std::move(incoming.reply)](Bytes answer) {
       if (const auto link = weak.lock()) link->publish(reply, std::move(answer));
     });
@@ -365,16 +367,18 @@ std::shared_ptr<void> NatsLink::serve(const std::string& subject, OnRequest on_r
 std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function<void(Incoming)> handler) {
   // The subscription alone owns the handler.
   const auto owned = std::make_shared<std::function<void(Incoming)>>(std::move(handler));
-  const auto subscription = subscribe_raw(subject, [this, weak = std::weak_ptr(owned)](natsMsg* message) {
+  const auto waiting = std::make_shared<std::atomic<std::size_t>>(0);
+  const auto subscription = subscribe_raw(subject, [this, weak = std::weak_ptr(owned), waiting](natsMsg* message) {
     const std::size_t cost = kMessageBytes + static_cast<std::size_t>(natsMsg_GetDataLength(message));
-    if (undelivered_.fetch_add(cost) > kMaxUndeliveredBytes) {
-      undelivered_ -= cost;
-      return;
-    }
+    const std::size_t free = kMaxUndeliveredBytes - std::min<std::size_t>(undelivered_, kMaxUndeliveredBytes);
+    if (*waiting + cost > free / 4) return;  // A flood of one subject leaves room for others.
+    *waiting += cost;
+    undelivered_ += cost;
     const char* reply = natsMsg_GetReply(message);
-    to_loop([self = shared_from_this(), weak, cost,
+    to_loop([self = shared_from_this(), weak, waiting, cost,
              incoming = Incoming{natsMsg_GetSubject(message), reply == nullptr ? "" : reply,
                                  natsMsg_IsNoResponders(message), data_of(message)}]() mutable {
+      *waiting -= cost;
       self->undelivered_ -= cost;
       const auto wanted = weak.lock();
       if (*self->open_ && wanted) (*wanted)(std::move(incoming));
@@ -384,10 +388,10 @@ std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function
 }
 
 void NatsLink::ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) {
-  const std::uint64_t number = ++last_request_;
-  requests_[number] = {std::move(answer), std::chrono::steady_clock::now() + std::chrono::microseconds(timeout_us)};
+  const std::string token = random_id(32);  // Those that have seen one reply subject know no other.
+  requests_[token] = {std::move(answer), std::chrono::steady_clock::now() + std::chrono::microseconds(timeout_us)};
   waiting_ = true;
-  send(subject, std::move(message), inbox_ + "." + std::to_string(number));
+  send(subject, std::move(message), inbox_ + "." + token);
 }
 
 /// Called on the sender's thread, which wakes every 50 ms.
@@ -428,7 +432,7 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   };
   set(natsOptions_SetServers(raw, servers.data(), static_cast<int>(servers.size())), "servers");
   set(natsOptions_SetName(raw, ("eigencast-broker " + id).c_str()), "name");
-  set(natsOptions_SetCustomInboxPrefix(raw, ("_INBOX." + id).c_str()), "name");
+  set(natsOptions_SetCustomInboxPrefix(raw, (std::string(kInbox) + id).c_str()), "name");
   set(natsOptions_SetTimeout(raw, 1'000), "servers");
   set(natsOptions_SetAllowReconnect(raw, false), "servers");
   // An unreachable server is abandoned after two pings without an answer, 1.2 s at most, so that frames continue over

@@ -30,7 +30,8 @@ using WatcherPtr = std::unique_ptr<kvWatcher, Destroyer<kvWatcher_Destroy>>;
 using StreamInfoPtr = std::unique_ptr<jsStreamInfo, Destroyer<jsStreamInfo_Destroy>>;
 using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
 
-/// Bounds messages on their way to the loop; more are dropped, as NATS may.
+/// Bounds messages on their way to the loop, those of one subscription to a quarter of what is free; more are dropped,
+/// as NATS may.
 inline constexpr std::size_t kMaxUndeliveredBytes = 32u << 20;
 
 /// Shared by nats_link.cpp (messages) and nats_table.cpp (the table) only.
@@ -119,8 +120,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   std::chrono::steady_clock::time_point made_{};  // Belongs to the reader: the last connection.
   std::function<void(std::function<void()>)> on_loop_;
   Listener* listener_ = nullptr;                               // Belongs to the loop.
-  std::map<std::uint64_t, Request> requests_;                  // Belongs to the loop.
-  std::uint64_t last_request_ = 0;                             // Belongs to the loop.
+  std::map<std::string, Request> requests_;                    // Belongs to the loop, by token.
   std::shared_ptr<bool> open_ = std::make_shared<bool>(true);  // Belongs to the loop: handlers may be called.
   std::int64_t table_made_ = 0;                                // Belongs to the reader: creation time of the table.
   std::atomic<std::size_t> undelivered_{0};                    ///< Bytes on their way to the loop.

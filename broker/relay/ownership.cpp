@@ -18,7 +18,16 @@ std::uint64_t epoch_by_time(std::uint64_t unix_seconds) {
   return unix_seconds > kStartOf2026 ? std::min(unix_seconds - kStartOf2026, kMaxEpoch / 2) : 0;
 }
 
+/// Not invented by a broker that lies.
+bool is_plausible(std::uint32_t epoch, std::uint64_t unix_seconds) {
+  return epoch <= epoch_by_time(unix_seconds) + kMaxAhead;
+}
+
 }  // namespace
+
+void EpochSource::note(std::uint64_t unix_seconds, std::uint32_t seen) {
+  if (is_plausible(seen, unix_seconds)) last_ = std::max(last_, seen);
+}
 
 Result<std::uint32_t> EpochSource::next(std::uint64_t unix_seconds, std::uint32_t above) {
   const std::uint64_t epoch = std::max(std::uint64_t{std::max(last_, above)} + 1, epoch_by_time(unix_seconds));
@@ -27,8 +36,7 @@ Result<std::uint32_t> EpochSource::next(std::uint64_t unix_seconds, std::uint32_
                                           ": ask its operator to start it with a new data folder");
   }
   // An epoch that another broker invents is for its stream: it must not use up those of this broker.
-  const bool plausible = above <= epoch_by_time(unix_seconds) + kMaxAhead;
-  last_ = plausible ? static_cast<std::uint32_t>(epoch) : last_ + 1;
+  last_ = is_plausible(above, unix_seconds) ? static_cast<std::uint32_t>(epoch) : last_ + 1;
   if (!failed_) reserve_ahead(unix_seconds);
   return static_cast<std::uint32_t>(epoch);
 }

@@ -26,6 +26,8 @@ class EpochSource {
 
   /// The next epoch, also greater than `above`. Errors: kTooLarge (none is left).
   Result<std::uint32_t> next(std::uint64_t unix_seconds, std::uint32_t above = 0);
+  /// Epochs to come are greater than `seen`, one of another broker, unless it is too far ahead of the clock to be true.
+  void note(std::uint64_t unix_seconds, std::uint32_t seen);
   /// Call once a second: reserves ahead of the clock too, and tries again what failed.
   void reserve_ahead(std::uint64_t unix_seconds);
   void reserved(bool stored);

@@ -110,6 +110,45 @@ TEST_F(BackboneTest, AssetIsFetchedOncePerBroker) {
   EXPECT_EQ(b().backbone->totals().asset_bytes_fetched, 700'000U + 132U);
 }
 
+TEST_F(BackboneTest, AnOwnerThatIsSilentHoldsUpNoOther) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeLink evil(network);
+  const auto silent = evil.serve("test.assets.evil", [](const Bytes&, const Link::Reply&) {});
+  evil.publish("test.alive.evil", {'+'});
+  DirectoryEntry entry{"evil", 1, true, small_announce(), {}};
+  entry.announce.asset = asset.hex();
+  evil.write_row("x", text_from_entry(entry), 0, [](const Result<std::uint64_t>& written) { EXPECT_TRUE(written); });
+  network.run();
+  watch(b(), new_viewer(), "x");
+  pass(100'000);
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  send(sender);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+}
+
+TEST_F(BackboneTest, AFloodOfJoinRequestsEncodesOneJoinAKey) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  const std::uint32_t epoch = sender.stream->epoch();
+  FakeLink evil(network);
+  int answers = 0;
+  for (int i = 0; i < 1000; ++i) {
+    Bytes request;
+    ByteWriter out(request);
+    out.u32(epoch);
+    out.text("s");
+    if (i == 500) send(sender);
+    evil.ask("test.joins.a", request, 1'000'000,
+             [&](const Result<Bytes>& answer) { answers += answer && !answer->empty(); });
+    network.run();
+  }
+  EXPECT_EQ(answers, 1000);
+  EXPECT_EQ(a().backbone->totals().joins_encoded, 2U);
+}
+
 TEST_F(BackboneTest, LostFramesCostOneJoin) {
   SiteSender& sender = new_sender();
   publish(sender, a());

@@ -65,6 +65,17 @@ TEST(Follower, GapNeedsJoin) {
   EXPECT_EQ(sequences(follower.take(join(3))), (Numbers{3, 4}));
 }
 
+TEST(Follower, KeptBytesAreBounded) {
+  Follower follower(kEpoch);
+  for (std::uint64_t i = 1; i <= 20; ++i) {
+    Bytes large = key(i);
+    large.resize(1'000'000);
+    (void)follower.take(std::move(large));
+  }
+  EXPECT_EQ(follower.dropped(), 16U);
+  EXPECT_EQ(sequences(follower.take(join(16))), (Numbers{16, 17, 18, 19, 20})) << "the newest are there";
+}
+
 TEST(Follower, StaleJoinIsDropped) {
   Follower follower(kEpoch);
   (void)follower.take(join(5));

@@ -316,6 +316,61 @@ TEST(ConnectionNewsTest, ALossComesBeforeTheNextConnection) {
   EXPECT_EQ(listener.order, "-+-") << "a connection that is gone is not reported";
 }
 
+TEST_F(NatsLinkTest, RequestsAreAnsweredInInboxesOnly) {
+  start({});
+  const auto served = link_->serve("asked", [](const Bytes&, const Link::Reply& reply) { reply({'y'}); });
+  ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));
+  const std::string number = peer_->number_of("asked ");
+  for (const char* reply : {"eigencast.rows.test", "$JS.API.STREAM.DELETE.KV_eigencast_streams", "_INBOX.other.1"}) {
+    peer_->say("MSG asked " + number + " " + reply + " 2\r\nhi\r\n");
+  }
+  EXPECT_TRUE(loop_.run_until([&] { return peer_->count("PUB _INBOX.other.1 ") == 1; }));
+  EXPECT_EQ(peer_->count("PUB eigencast."), 0) << "what others choose, in its own name";
+  EXPECT_EQ(peer_->count("PUB $JS.API.STREAM.DELETE."), 0);
+}
+
+TEST_F(NatsLinkTest, WhereAnAnswerIsAwaitedCannotBeGuessed) {
+  start({});
+  ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));
+  const std::string number = peer_->number_of("_INBOX.test.");
+  std::string answered;
+  const auto ask = [&](const std::string& subject) {
+    link_->ask(subject, {}, 600'000'000, [&](const Result<Bytes>& answer) {
+      if (answer) answered.assign(answer->begin(), answer->end());
+    });
+    std::string reply = peer_->line_of("PUB " + subject + " ").substr(5 + subject.size());
+    return reply.substr(0, reply.find(' '));
+  };
+  const auto say = [&](const std::string& subject, const std::string& text) {
+    peer_->say("MSG " + subject + " " + number + " " + std::to_string(text.size()) + "\r\n" + text + "\r\n");
+  };
+  const std::string first = ask("first"), second = ask("second");
+  const std::size_t dot = first.rfind('.');
+  say(first.substr(0, dot + 1) + std::to_string(std::strtoull(first.c_str() + dot + 1, nullptr, 10) + 1), "forged");
+  say(second, "true");
+  EXPECT_TRUE(loop_.run_until([&] { return !answered.empty(); }));
+  EXPECT_EQ(answered, "true");
+}
+
+TEST_F(NatsLinkTest, AFloodOfOneSubjectLeavesRoomForOthers) {
+  start({});
+  int others = 0;
+  const auto other = link_->subscribe("other", [&](const std::string&, const Bytes&) { ++others; });
+  ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));
+  const std::string flooded = peer_->number_of("news "), quiet = peer_->number_of("other ");
+  std::string flood;
+  for (int i = 0; i < 28'000; ++i) {
+    flood += "MSG news " + flooded + " 1000\r\n" + std::string(1000, 'x') + "\r\n";
+  }
+  peer_->say(flood + "MSG other " + quiet + " 2\r\nhi\r\n");
+  std::size_t before = 0;
+  do {  // Until all that comes has come, or the loop is as far behind as it can be.
+    before = loop_.waiting();
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  } while (loop_.waiting() != before || before < 100);
+  EXPECT_TRUE(loop_.run_until([&] { return others == 1; }));
+}
+
 TEST_F(NatsLinkTest, ErrorsOfAConnectionMakeANewOne) {
   start({});
   ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));

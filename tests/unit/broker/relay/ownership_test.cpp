@@ -138,6 +138,12 @@ TEST(EpochSourceTest, EpochsThatOthersInventUseUpNone) {
   EXPECT_EQ(life.epochs.next(kNow).value(), before + 102) << "as of a clock that goes ahead";
   EXPECT_EQ(life.epochs.next(kNow, UINT32_MAX - 1).value(), UINT32_MAX) << "its own stream goes on";
   EXPECT_LT(life.epochs.next(kNow).value(), before + 200);
+  life.epochs.note(kNow, UINT32_MAX - 1);
+  EXPECT_LT(life.epochs.next(kNow).value(), before + 200);
+  life.epochs.note(kNow, before + 1000);
+  EXPECT_EQ(life.epochs.next(kNow).value(), before + 1001) << "a broker whose clock is ahead";
+  life.epochs.note(kNow, before);
+  EXPECT_EQ(life.epochs.next(kNow).value(), before + 1002);
 }
 
 TEST(EpochSourceTest, TornFilesHoldNoEpoch) {
