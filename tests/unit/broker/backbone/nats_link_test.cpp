@@ -246,8 +246,8 @@ class NatsLinkTest : public ::testing::TestWithParam<Manner> {
   void on_lasting_connection(Exchange&& exchange) {
     int lost = 0;
     do {
-      ASSERT_TRUE(loop_.run_until(
-          [&] { return loop_.connected == loop_.disconnected + 1 && heard_ == loop_.connected; }));
+      ASSERT_TRUE(
+          loop_.run_until([&] { return loop_.connected == loop_.disconnected + 1 && heard_ == loop_.connected; }));
       lost = loop_.disconnected;
       const auto done = exchange(std::to_string(lost));
       ASSERT_TRUE(loop_.run_until([&] { return loop_.disconnected != lost || done(); }));
