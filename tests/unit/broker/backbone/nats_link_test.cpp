@@ -355,12 +355,12 @@ TEST_F(NatsLinkTest, WhereAnAnswerIsAwaitedCannotBeGuessed) {
   };
   on_lasting_connection([&](const std::string& connection) {
     answered.clear();
-    const std::string number = peer_->number_of("_INBOX.test.");
+    const std::string first = ask("first" + connection), second = ask("second" + connection);
+    const std::size_t dot = first.rfind('.');
+    const std::string number = peer_->number_of(first.substr(0, dot + 1));
     const auto say = [&](const std::string& subject, const std::string& text) {
       peer_->say("MSG " + subject + " " + number + " " + std::to_string(text.size()) + "\r\n" + text + "\r\n");
     };
-    const std::string first = ask("first" + connection), second = ask("second" + connection);
-    const std::size_t dot = first.rfind('.');
     say(first.substr(0, dot + 1) + std::to_string(std::strtoull(first.c_str() + dot + 1, nullptr, 10) + 1), "forged");
     say(second, "true");
     return [&] { return !answered.empty(); };
