@@ -92,7 +92,7 @@ void Connection::log_failure(const std::exception& exception) noexcept {
 void Connection::wait_to_read(Transport::Wait wait) {
   auto handler = [self = shared_from_this()](ErrorOf error) {
     self->guarded([&] {
-      if (error) return self->ended();
+      if (error || self->ended_) return self->ended();  // Unread input waits past an end.
       self->on_readable();
     });
   };

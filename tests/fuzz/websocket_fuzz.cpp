@@ -17,7 +17,7 @@ std::string read(const std::uint8_t* data, std::size_t size, std::size_t step) {
   for (std::size_t at = 0; at < size; at += step) {
     Bytes piece(data + at, data + std::min(at + step, size));
     std::span<std::uint8_t> input(piece);
-    while (const auto event = reader.next(input)) {
+    while (const auto event = reader.next(input, 0)) {
       if (event->payload.size() > 2000) std::abort();
       seen += static_cast<char>('a' + static_cast<int>(event->kind));
       seen.append(event->payload.begin(), event->payload.end());
