@@ -32,6 +32,8 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
+constexpr double kWorkAtOnceS = 0.08;  ///< By default 20 ms: others wait no longer.
+constexpr double kHandshakeUs = 200;   ///< 171 with P-256, 380 with RSA of 2048 bits.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
   const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
@@ -79,8 +81,8 @@ bool UseCount::take(std::int64_t max, std::int64_t amount) {
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
-         listings.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
-         failures.is_idle(now_us);
+         listings.is_idle(now_us) && work.is_idle(now_us) && handshakes.is_idle(now_us) &&
+         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -256,6 +258,19 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
                 static_cast<double>(bytes), now_us));
 }
 
+std::optional<TimeUs> Grant::take_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
+  const Rate rate{"work_us_per_s", &Account::work, &Quota::work_us_per_s, 1, kWorkAtOnceS};
+  const auto wait_us = take_rate(rate, holders_.back(), work_us, now_us, max_wait_us);
+  return wait_us ? std::optional(*wait_us) : std::nullopt;
+}
+
+std::optional<TimeUs> Grant::take_handshake(TimeUs now_us, TimeUs max_wait_us) {
+  if (policy_->is_trusted_proxy(identity_.client.address)) return 0;
+  const Rate rate{"work_us_per_s", &Account::handshakes, &Quota::work_us_per_s, 1, kWorkAtOnceS};
+  const auto wait_us = take_rate(rate, holders_.back(), kHandshakeUs, now_us, max_wait_us);
+  return wait_us ? std::optional(*wait_us) : std::nullopt;
+}
+
 Result<TimeUs> Grant::take_request(double listing, TimeUs now_us, TimeUs max_wait_us) {
   const auto take = [&](RateLimiter Account::*limiter, double cost) {
     const Rate rate{"requests_per_s", limiter, &Quota::requests_per_s, 1};
@@ -280,9 +295,9 @@ Result<TimeUs> Grant::take_rate(const Rate& rate, double amount, TimeUs now_us, 
 Result<TimeUs> Grant::take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us,
                                 TimeUs max_wait_us) {
   const std::int64_t max = policy_->quota(holder.is_token).*rate.max;
-  const auto burst = static_cast<double>(max);
+  const auto in_period = static_cast<double>(max);
   RateLimiter& limiter = (*holder.account).*rate.limiter;
-  const auto wait_us = limiter.take(amount, burst / rate.period_s, burst, now_us, max_wait_us);
+  const auto wait_us = limiter.take(amount, in_period / rate.period_s, in_period * rate.at_once, now_us, max_wait_us);
   if (!wait_us) return over(holder, rate.setting, max);
   return *wait_us;
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -17,6 +18,8 @@
 #include "common/core/clock.h"
 
 namespace eigencast::broker {
+
+inline constexpr TimeUs kForeverUs = std::numeric_limits<TimeUs>::max();
 
 /// Takes an amount while no more than `burst` is ahead of the steady rate (the generic cell rate algorithm, ATM Forum
 /// 1996). Thread-safe, without a lock.
@@ -52,6 +55,8 @@ struct Account {
   RateLimiter messages;
   RateLimiter requests;
   RateLimiter listings;
+  RateLimiter work;
+  RateLimiter handshakes;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
   RateLimiter failures;
@@ -116,6 +121,12 @@ class Grant {
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
+  /// Microseconds that a message takes of an event loop, by an estimate that depends on its bytes only: the token's, or
+  /// the address's without one, whatever the connection. Returns how long it must wait; nothing: longer than
+  /// max_wait_us, and it was not taken.
+  std::optional<TimeUs> take_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
+  /// The same for a TLS handshake, apart: newcomers must not delay the messages of those that are in.
+  std::optional<TimeUs> take_handshake(TimeUs now_us, TimeUs max_wait_us);
   /// An HTTP request, and what a list costs beyond one, in requests: lists have as many a second to themselves, so that
   /// they delay nothing else. Returns how long the answer must wait, up to max_wait_us.
   Result<TimeUs> take_request(double listing, TimeUs now_us, TimeUs max_wait_us);
@@ -131,8 +142,9 @@ class Grant {
   struct Rate {
     const char* setting;
     RateLimiter Account::*limiter;
-    std::int64_t Quota::*max;  ///< In a period, and at once.
+    std::int64_t Quota::*max;  ///< In a period.
     double period_s;
+    double at_once = 1;  ///< The share of max that may come at once.
   };
   Result<TimeUs> take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us = 0);

@@ -95,6 +95,7 @@ Quota quota_from(const Limits& limits) {
           limits.unfinished_bytes,
           limits.messages_per_s,
           limits.requests_per_s,
+          limits.work_us_per_s,
           limits.upload_bytes_per_hour,
           limits.download_bytes_per_hour};
 }

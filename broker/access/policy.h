@@ -66,6 +66,7 @@ struct Quota {
   std::int64_t unfinished_bytes = 0;
   std::int64_t messages_per_s = 0;
   std::int64_t requests_per_s = 0;
+  std::int64_t work_us_per_s = 0;
   std::int64_t upload_bytes_per_hour = 0;
   std::int64_t download_bytes_per_hour = 0;
 };

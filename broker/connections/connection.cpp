@@ -3,10 +3,10 @@
 
 #include <netinet/tcp.h>
 
+#include <algorithm>
 #include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
 #include <ctime>
-#include <limits>
 #include <memory_resource>
 #include <utility>
 
@@ -16,22 +16,26 @@ namespace {
 using websocket::CloseCode;
 using websocket::Opcode;
 
-// Reads per turn, so that a busy sender does not starve other connections.
+// Reads per turn, and work, so that a busy sender does not starve other connections.
 constexpr int kMaxReads = 4;
+constexpr double kTurnUs = 2'000;
+
+constexpr double kBinaryBytesPerUs = 2'000;
+// JSON at its worst, "[]" over and over; acknowledgements and all else that is common is shorter.
+constexpr double kShortBytes = 1024, kJsonBytesPerUs = 28;
+// A holder over its budget waits for so long, then in turn with all who do.
+constexpr TimeUs kMaxPauseUs = 2'000'000;
+// Rare, so that a pause costs little beside what it is for.
+constexpr TimeUs kMinPauseUs = 5'000;
+constexpr double kPauseUs = 5;
 
 // A client whose rights changed may reconnect at once.
 constexpr std::uint32_t kRightsRetryMs = 500;
 
 // Longer control messages count as several.
-constexpr std::size_t kBytesPerMessage = 256;
+constexpr double kBytesPerMessage = 256;
 
-// Fewer pauses cost less.
-constexpr TimeUs kMinPauseUs = 10'000;
-
-// Keys may come so far ahead of their rate: others wait for no longer.
-constexpr double kKeyBurstS = 0.05;
-
-/// What it makes the loop do, in messages of the cheapest kind.
+/// What it makes the loop do, in messages of the cheapest kind, which take about a microsecond.
 int weight_of(const ControlMessage& message) {
   if (std::holds_alternative<control::Announce>(message)) return 100;  // Every viewer is told, every chain begins anew.
   return std::holds_alternative<control::Subscribe>(message) ? 20 : 1;
@@ -96,8 +100,7 @@ void Connection::wait_to_read(Transport::Wait wait) {
       self->on_readable();
     });
   };
-  if (wait == Transport::Wait::kReadable &&
-      (!unread_.empty() || transport_.has_read_ahead())) {  // No socket signals it.
+  if (wait == Transport::Wait::kReadable && transport_.has_read_ahead()) {  // The socket does not signal it.
     return asio::post(context_.loop, [handler = std::move(handler)] { handler({}); });
   }
   // Exact memory: an idle connection waits for long, and a block that Asio recycles may be much larger.
@@ -105,39 +108,36 @@ void Connection::wait_to_read(Transport::Wait wait) {
 }
 
 void Connection::on_readable() {
+  if (ended_) return;
+  turn_us_ = 0;
+  if (unpaid_us_ > 0) pay(0);
+  if (paused_) return;
+  // Without bytes too: a frame may be paid for, and be empty.
+  if (Bytes unread = std::exchange(unread_, {}); !take_input(unread)) return;
   for (int i = 0; i < kMaxReads; ++i) {
-    Bytes unread = std::exchange(unread_, {});
-    std::span<std::uint8_t> input = unread;
     const std::span<std::uint8_t> buffer = std::span(context_.read_buffer).first(read_bytes());
-    if (unread.empty()) {
-      const Transport::Outcome outcome = transport_.read(buffer);
-      if (outcome.error) return close_now();
-      if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
-      input = buffer.first(outcome.bytes);
-    }
+    const Transport::Outcome outcome = transport_.read(buffer);
+    if (outcome.error) return close_now();
+    if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
     last_input_us_ = context_.turn.now_us();
     pinged_ = false;
-    if (!take_input(input)) return;
-    if (is_backlogged() || is_paced()) {
-      paused_ = true;
-      return;
-    }
-    if (!transport_.is_tls() && unread.empty() && input.size() < buffer.size()) break;
+    if (!take_input(buffer.first(outcome.bytes))) return;
+    if (!transport_.is_tls() && outcome.bytes < buffer.size()) break;
   }
   wait_to_read(Transport::Wait::kReadable);
 }
 
 bool Connection::take_input(std::span<std::uint8_t> input) {
-  while (const auto event = reader_.next(input, last_input_us_)) {
+  while (!paused_) {
+    const auto event = reader_.next(input, last_input_us_);
+    if (!event) break;
     on_event(*event);
     if (ended_) return false;
-    if (!input.empty() && is_paced()) {
-      unread_.assign(input.begin(), input.end());
-      break;
-    }
   }
+  unread_.assign(input.begin(), input.end());
   count_unfinished();
-  return true;
+  paused_ = paused_ || is_backlogged();
+  return !paused_;
 }
 
 void Connection::on_event(const websocket::MessageReader::Event& event) {
@@ -145,6 +145,7 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
   const auto text = [&] {
     return std::string_view(reinterpret_cast<const char*>(event.payload.data()), event.payload.size());
   };
+  if (event.kind == Kind::kFrame) return begin_frame(event);
   if (event.kind == Kind::kClose || event.kind == Kind::kFailed) {
     close_received_ = true;  // Later bytes cannot be parsed.
     if (closing_) return end_writing_when_closed();
@@ -156,7 +157,6 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
     return refuse(taken.error(), {}, CloseCode::kPolicy);
   }
   if (event.kind == Kind::kBinary) return on_binary(event.payload);
-  charge(1);
   if (event.kind == Kind::kText) return on_text(text());
   if (event.kind == Kind::kPing) return on_ping(text());
   if (event.kind == Kind::kPong && watch_.note_pong(text())) {
@@ -178,43 +178,58 @@ bool Connection::is_backlogged() {
   return blocked_ && outbox_.control_messages() >= many;
 }
 
-void Connection::charge(int control_messages) {
-  const auto per_s = static_cast<double>(context_.config.limits.control_messages_per_s);
-  (void)control_.take(control_messages, per_s, std::numeric_limits<double>::infinity(), context_.turn.now_us());
+double Connection::binary_work_us(std::uint64_t bytes, bool /*last*/) const {
+  return 1 + static_cast<double>(bytes) / kBinaryBytesPerUs;
 }
 
-void Connection::charge_key(std::size_t coefficients) {
-  const auto per_s = static_cast<double>(context_.config.limits.coefficients_per_s);
-  (void)keys_.take(static_cast<double>(coefficients), per_s, std::numeric_limits<double>::infinity(),
-                   context_.turn.now_us());
+void Connection::charge(double work_us) {
+  (void)grant_->take_work(work_us, context_.turn.now_us(), kForeverUs);
 }
 
-bool Connection::is_paced() {
-  if (closing_ || deadline_) return !closing_;
+TimeUs Connection::take_control(double messages) {
   const auto per_s = static_cast<double>(context_.config.limits.control_messages_per_s);
-  const auto keys_per_s = static_cast<double>(context_.config.limits.coefficients_per_s);
-  const TimeUs control_wait_us = control_.wait_us(0, per_s, per_s, context_.turn.now_us());
-  const TimeUs keys_wait_us = keys_.wait_us(0, keys_per_s, keys_per_s * kKeyBurstS, context_.turn.now_us());
-  if (control_wait_us == 0 && keys_wait_us == 0) return false;
-  const TimeUs wait_us = std::max({control_wait_us, keys_wait_us, kMinPauseUs});
+  return *control_.take(messages, per_s, per_s, context_.turn.now_us(), kForeverUs);
+}
+
+void Connection::begin_frame(const websocket::MessageReader::Event& event) {
+  const bool binary = event.opcode == Opcode::kBinary;
+  const auto bytes = static_cast<double>(event.bytes);
+  const double messages = 1 + bytes / kBytesPerMessage;
+  unpaid_us_ =
+      binary ? binary_work_us(event.bytes, event.last) : std::max(messages, (bytes - kShortBytes) / kJsonBytesPerUs);
+  pay(binary ? 0 : take_control(messages));
+}
+
+void Connection::pay(TimeUs wait_us) {
+  const auto taken = grant_->take_work(unpaid_us_, context_.turn.now_us(), kMaxPauseUs);
+  turn_us_ += unpaid_us_;
+  const bool full = turn_us_ > kTurnUs && turn_us_ > unpaid_us_;
+  if (taken) unpaid_us_ = 0;
+  const TimeUs work_wait_us = taken.value_or(kMaxPauseUs);
+  if (std::max(wait_us, work_wait_us) == 0) return full ? pause(0) : void();
   log(context_.log, LogLevel::kWarning,
-      name() + ": read later, it is over limits." +
-          (control_wait_us >= keys_wait_us ? "control_messages_per_s" : "coefficients_per_s"));
+      name() + ": read later, " +
+          (wait_us > work_wait_us ? "it is over limits.control_messages_per_s"
+                                  : grant_->label() + " is over work_us_per_s"));
+  charge(kPauseUs);
+  pause(std::max({wait_us, work_wait_us, kMinPauseUs}));
+}
+
+void Connection::pause(TimeUs wait_us) {
+  paused_ = true;
   last_input_us_ = context_.turn.now_us() + wait_us;  // Its silence is not its own.
-  reader_.excuse(wait_us);
-  deadline_ = std::make_unique<Timer>(context_.loop.get_executor());
-  run_after(*deadline_, std::chrono::microseconds(wait_us), [self = shared_from_this()] {
-    self->deadline_.reset();
+  if (wait_us > 0) reader_.excuse(wait_us);
+  pause_ = std::make_unique<Timer>(context_.loop.get_executor());
+  run_after(*pause_, std::chrono::microseconds(wait_us), [self = shared_from_this()] {
+    self->pause_.reset();
     self->guarded([&] { self->resume_reading(); });
   });
-  return true;
 }
 
 void Connection::resume_reading() {
-  if (paused_ && !ended_ && !is_backlogged() && !is_paced()) {
-    paused_ = false;
-    wait_to_read(Transport::Wait::kReadable);
-  }
+  if (!paused_ || pause_ || ended_ || is_backlogged()) return;
+  paused_ = false;
+  asio::post(context_.loop, [self = shared_from_this()] { self->guarded([&] { self->on_readable(); }); });
 }
 
 void Connection::end_writing_when_closed() {
@@ -231,7 +246,7 @@ void Connection::on_broken(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::count_unfinished() {
-  const std::size_t bytes = reader_.held_bytes() + unread_.size() + unread_answers();
+  const std::size_t bytes = reader_.held_bytes() + unread_.capacity() + unread_answers();
   if (bytes == unfinished_bytes_) return;
   unfinished_bytes_ = bytes;
   unfinished_.reset();
@@ -367,6 +382,7 @@ void Connection::close_now() {
 void Connection::ended() {
   if (std::exchange(ended_, true)) return;
   if (deadline_) deadline_->cancel();
+  if (pause_) pause_->cancel();
   context_.turn.forget(*this);
   blocked_ = true;
   write_queue_.clear();
@@ -378,10 +394,11 @@ void Connection::ended() {
 
 void Connection::on_text(std::string_view text) {
   ++context_.counters.control_received;
-  charge(static_cast<int>(text.size() / kBytesPerMessage));
   const auto message = control_from_text(text);
   if (!message) return refuse_text(message.error());
-  charge(weight_of(*message) - 1);
+  const double more = weight_of(*message) - 1;
+  (void)take_control(more);
+  charge(more);
   const auto* ping = std::get_if<control::Ping>(&*message);
   if (ping != nullptr) return send(control::Pong{ping->id, ping->time_us, steady_now_us()});
   if (!std::holds_alternative<control::Pong>(*message)) on_message(*message);

@@ -51,6 +51,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   virtual void on_text(std::string_view text);
   virtual void on_message(const ControlMessage& /*message*/) {}
   virtual void on_binary(ByteView message) = 0;
+  /// About how long a frame of a binary message takes.
+  virtual double binary_work_us(std::uint64_t bytes, bool last) const;
   /// Called once, after the last read and write.
   virtual void on_closed() = 0;
   virtual void on_tick() {}
@@ -75,10 +77,10 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void send_error(const Error& error, const std::string& stream);
   /// Sends the error, then closes. Ignores further messages of the peer.
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
-  /// Counts what a key costs: beyond limits.coefficients_per_s the peer is read later.
-  void charge_key(std::size_t coefficients);
   /// Closes once all control messages are written, at the latest after timeouts.shutdown_ms.
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
+  /// Takes work that is done from the budget of the holder: what comes next may wait for it.
+  void charge(double work_us);
 
  private:
   // SocketWriter. None of these throws.
@@ -95,9 +97,13 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void on_ping(std::string_view payload);
   void refuse_text(const Error& error);
   bool is_backlogged();
-  void charge(int control_messages);
-  /// Asks too fast: reading goes on by itself in time.
-  bool is_paced();
+  /// Pays for the frame that begins; it may have to wait for its turn.
+  void begin_frame(const websocket::MessageReader::Event& event);
+  TimeUs take_control(double messages);
+  /// Takes unpaid_us_ from the budget of the holder; waits at least `wait_us`.
+  void pay(TimeUs wait_us);
+  /// Reading goes on by itself in time.
+  void pause(TimeUs wait_us);
   void resume_reading();
   void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
@@ -138,15 +144,17 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   Outbox outbox_;
   GrantPtr grant_;
   websocket::MessageReader reader_;
-  Bytes unread_;                      ///< Was received, and waits while is_paced().
+  Bytes unread_;                      ///< Read, and not parsed before the pause.
   std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_, unread_ and unread_answers().
   std::size_t unfinished_bytes_ = 0;
   std::size_t queued_bytes_ = 0;   ///< Size of write_queue_, the written part of its first item included.
   std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.
   std::string close_reason_;
   RateLimiter control_;
-  RateLimiter keys_;
-  std::unique_ptr<Timer> deadline_;  ///< For closing; before that, while is_paced().
+  double unpaid_us_ = 0;             ///< Of the frame that begins.
+  double turn_us_ = 0;               ///< Work of this turn.
+  std::unique_ptr<Timer> pause_;     ///< While it has to wait for its turn.
+  std::unique_ptr<Timer> deadline_;  ///< For closing.
   ConnectionCount counted_;
   TimeUs last_input_us_ = 0;
   TimeUs opened_us_ = 0;
@@ -158,7 +166,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   bool ended_ = false;
   bool close_received_ = false;  ///< The peer's close frame, or an error that ends reading.
   bool greeted_ = false;         ///< The first messages are written.
-  bool paused_ = false;          ///< Reading waits until answers are written.
+  bool paused_ = false;          ///< Reading waits until answers are written, or for pause_.
 };
 
 inline void Connection::count_sent(std::uint64_t frames, std::uint64_t bytes) {

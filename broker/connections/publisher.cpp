@@ -139,10 +139,13 @@ void Publisher::on_binary(ByteView message) {
     log(context().log, LogLevel::kWarning, name() + ": closed, " + added.error().message);
     return refuse(added.error(), name_, websocket::CloseCode::kPolicy);
   }
-  // Once for the decoder, and once for each profile that may encode it.
-  charge_key(stream_->layout().size() * (1 + stream_->profile_count()));
   ++context().counters.frames_received;
   context().hub.mark_dirty(*stream_);
+}
+
+double Publisher::binary_work_us(std::uint64_t bytes, bool last) const {
+  const double frame_us = Connection::binary_work_us(bytes, last);
+  return stream_ != nullptr ? frame_us + stream_->decoding_us(bytes, last) : frame_us;
 }
 
 void Publisher::on_watcher_count(std::uint32_t count) {

@@ -23,6 +23,7 @@ class Publisher final : public Connection, public PublisherLink {
   void on_open() override;
   void on_message(const ControlMessage& message) override;
   void on_binary(ByteView message) override;
+  double binary_work_us(std::uint64_t bytes, bool last) const override;
   void on_closed() override;
   void on_tick() override;
   std::string label() const override;

@@ -111,7 +111,11 @@ void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
 
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {
   const auto found = streams_.find(stream_id);
-  return found == streams_.end() ? nullptr : found->second.stream->join_for(*this);
+  if (found == streams_.end()) return nullptr;
+  double work_us = 0;
+  FramePtr join = found->second.stream->join_for(*this, &work_us);
+  charge(work_us);
+  return join;
 }
 
 void Subscriber::on_tick() {

@@ -17,6 +17,7 @@ namespace {
 
 constexpr std::size_t kChunkBytes = 64 * 1024;
 constexpr int kRetryAfterS = 60;
+constexpr double kChunksPerUs = 10;  ///< Parsed.
 
 Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) {
   for (;;) {
@@ -209,6 +210,12 @@ class Upload : public std::enable_shared_from_this<Upload> {
       if (auto taken = grant_.take_upload(count, steady_now_us()); !taken) return fail_with(taken.error());
     }
     context_.counters.upload_bytes += count;
+    const std::uint64_t chunks = connection_->body_chunks() - std::exchange(chunks_, connection_->body_chunks());
+    const TimeUs wait_us = *grant_.take_work(static_cast<double>(chunks) / kChunksPerUs, steady_now_us(), kForeverUs);
+    connection_->later(chunks > 0 ? wait_us : 0, [self = shared_from_this(), count] { self->write(count); });
+  }
+
+  void write(std::size_t count) {
     connection_->on_disk([this, count] { return upload_->write(ByteView(chunk_.data(), count)); },
                          [self = shared_from_this()](const Result<void>& written) {
                            written ? self->read_body() : self->fail_with(written.error());
@@ -264,6 +271,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   bool counted_ = true;
   std::unique_ptr<AssetStore::Upload> upload_;
   std::vector<std::uint8_t> chunk_;
+  std::uint64_t chunks_ = 0;    ///< Of the body, paid for.
   std::shared_ptr<void> held_;  ///< Counts chunk_ and the buffer before it.
 };
 

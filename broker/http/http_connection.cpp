@@ -43,6 +43,10 @@ IpAddress peer_of(const Socket& socket) {
 struct HttpConnection::Wire {
   beast::flat_buffer buffer;
   std::optional<http::request_parser<http::buffer_body>> parser;
+  std::size_t head_bytes = 0;
+  std::uint64_t chunks = 0;
+  std::function<void(std::uint64_t, beast::string_view, ErrorOf&)> on_chunk = [this](std::uint64_t, beast::string_view,
+                                                                                     ErrorOf&) { ++chunks; };
 };
 
 HttpConnection::HttpConnection(Context& context, Transport transport)
@@ -115,6 +119,14 @@ bool HttpConnection::names_one_host() const {
   return hosts == 0 ? request.version() < 11 : hosts == 1 && host_of_authority(header("Host"));
 }
 
+std::size_t HttpConnection::head_bytes() const {
+  return wire_->head_bytes;
+}
+
+std::uint64_t HttpConnection::body_chunks() const {
+  return wire_->chunks;
+}
+
 bool HttpConnection::has_unknown_coding() const {
   return wire_->parser->get().count("Transfer-Encoding") > 0 &&
          !beast::iequals(joined_headers("Transfer-Encoding"), "chunked");
@@ -144,6 +156,12 @@ void HttpConnection::close() {
 
 void HttpConnection::start() {
   if (!transport_.is_tls()) return read_head();
+  // Before any cryptography, which costs this side far more than whoever sends a copy of a hello.
+  const auto wait_us = handshake_wait_us();
+  wait_us ? later(*wait_us, [this] { shake_hands(); }) : close();
+}
+
+void HttpConnection::shake_hands() {
   arm(limits().head_ms);
   transport_.async_handshake([self = shared_from_this()](ErrorOf error) {
     if (!error) return self->read_head();
@@ -157,6 +175,9 @@ void HttpConnection::read_head() {
   auto& parser = wire_->parser.emplace();
   parser.header_limit(kMaxHeadBytes);
   parser.body_limit(limits().body_bytes);
+  parser.on_chunk_header(wire_->on_chunk);
+  wire_->head_bytes = 0;
+  wire_->chunks = 0;
   large_head_.reset();
   if (wire_->buffer.capacity() > Grant::kFreeBytes) wire_->buffer.shrink_to_fit();
   wire_->buffer.max_size(Grant::kFreeBytes);
@@ -166,7 +187,10 @@ void HttpConnection::read_head() {
 
 void HttpConnection::read_more_head() {
   http::async_read_header(transport_, wire_->buffer, *wire_->parser,
-                          [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_head_read(error); });
+                          [self = shared_from_this()](ErrorOf error, std::size_t bytes) {
+                            self->wire_->head_bytes += bytes;
+                            self->on_head_read(error);
+                          });
 }
 
 void HttpConnection::on_head_read(ErrorOf error) {

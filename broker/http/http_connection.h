@@ -72,6 +72,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   bool is_websocket_upgrade() const;
   bool has_body() const;
   bool is_body_read() const;
+  std::size_t head_bytes() const;
+  std::uint64_t body_chunks() const;  ///< That began so far.
   /// Whether the length of its body is unknown: it names a transfer coding other than chunked.
   bool has_unknown_coding() const;
   /// Whether another request may follow: unread body bytes would be taken for it.
@@ -123,6 +125,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   HttpConnection(Context& context, Transport transport);
   virtual Limits limits() const = 0;  ///< Those that the current request has.
   virtual void on_head() = 0;
+  /// How long a TLS handshake has to wait; nothing: none is made.
+  virtual std::optional<TimeUs> handshake_wait_us() { return 0; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
   virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
@@ -145,6 +149,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void do_on_disk(std::function<void()> work, std::function<void()> then);
   void read_head();
   void read_more_head();
+  void shake_hands();
   void on_head_read(ErrorOf error);
   template <typename Stream>
   void drain(Stream& stream);

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <ctime>
-#include <limits>
 #include <utility>
 
 #include "broker/connections/echo.h"
@@ -25,11 +24,11 @@ namespace {
 constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
+constexpr double kHeadBytesPerUs = 64;
 constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
 constexpr int kMaxRequestWaitS = 5;
 /// Refusals come so late that a client that asks at once again costs little.
 constexpr TimeUs kRefusalWaitUs = 1'000'000;
-constexpr TimeUs kForeverUs = std::numeric_limits<TimeUs>::max();
 
 /// The name that a page of the list follows.
 Result<std::string> page_from_query(std::string_view query) {
@@ -84,6 +83,10 @@ class HttpSession final : public HttpConnection {
             static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes"};
   }
 
+  std::optional<TimeUs> handshake_wait_us() override {
+    return grant_->take_handshake(steady_now_us(), limits().head_ms * 1000);
+  }
+
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
 
   void decorate(HttpHeaders& headers) const override {
@@ -104,8 +107,11 @@ class HttpSession final : public HttpConnection {
     Task task = admitted();
     const TimeUs now_us = steady_now_us();
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
-    const TimeUs wait_us = *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs);
     const auto payer = task.admitted ? grant_ : context().gate.stranger(access_request({}), now_us);
+    const auto head = static_cast<double>(head_bytes());
+    const TimeUs head_wait_us =
+        head > Grant::kFreeBytes ? *payer->take_work(head / kHeadBytesPerUs, now_us, kForeverUs) : 0;
+    const TimeUs wait_us = std::max(head_wait_us, *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs));
     const auto holder_wait_us = payer->take_request(task.listing, now_us, kMaxRequestWaitUs);
     if (!holder_wait_us) {
       return later(std::max(wait_us, kRefusalWaitUs),

@@ -69,6 +69,7 @@ class Feed {
 
   /// The current join frame, encoded once. Null before the first key.
   FramePtr join();
+  bool has_join() const { return join_ != nullptr; }
 
   const Profile& profile() const { return profile_; }
   /// Poses since the last call that could not be encoded (a value beyond the codec's range).

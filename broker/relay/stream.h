@@ -184,8 +184,10 @@ class Stream {
   std::uint32_t trace_every() const { return shorter_interval(tracer_.every(), mirror_trace_); }
   void relay_trace(const control::Trace& trace);
 
-  /// Null before the first key.
-  FramePtr join_for(const Watcher& watcher);
+  /// Null before the first key. Adds about how long encoding it took, if it was not encoded before, to `work_us`.
+  FramePtr join_for(const Watcher& watcher, double* work_us = nullptr);
+  /// About how long a part of a frame of its sender takes to decode, by its bytes; the coefficients count for the last.
+  double decoding_us(std::uint64_t bytes, bool last) const;
   control::StreamInfo info_for(const Watcher& watcher) const;
 
   const std::string& name() const { return name_; }

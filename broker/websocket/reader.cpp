@@ -98,6 +98,8 @@ std::optional<MessageReader::Event> MessageReader::next(std::span<std::uint8_t>&
       if (auto failure = check_head_start()) return failure;
       if (!whole) return std::nullopt;
       if (auto failure = open_frame()) return failure;
+      const Opcode opcode = is_control() ? static_cast<Opcode>(head_[0] & 0x0f) : message_;
+      return Event{Kind::kFrame, {}, CloseCode::kNone, {}, opcode, (head_[0] & kFin) != 0, remaining_};
     }
     if (input.empty() && remaining_ > 0) return std::nullopt;
     if (auto event = take_payload(input)) return event;
@@ -182,7 +184,7 @@ std::optional<MessageReader::Event> MessageReader::end_data(ByteView last) {
   if (text && !utf8_.is_whole()) return failed(CloseCode::kBadPayload, "a text that ends within a character");
   message_ = Opcode::kContinuation;
   handed_on_ = true;
-  return Event{text ? Kind::kText : Kind::kBinary, kept_.empty() ? last : ByteView(kept_), CloseCode::kNone, {}};
+  return Event{text ? Kind::kText : Kind::kBinary, kept_.empty() ? last : ByteView(kept_)};
 }
 
 std::optional<MessageReader::Event> MessageReader::end_control(ByteView payload) {
@@ -191,12 +193,12 @@ std::optional<MessageReader::Event> MessageReader::end_control(ByteView payload)
   handed_on_ = true;
   const auto opcode = static_cast<Opcode>(head_[0] & 0x0f);
   if (opcode == Opcode::kClose) return close_event(payload);
-  return Event{opcode == Opcode::kPing ? Kind::kPing : Kind::kPong, payload, CloseCode::kNone, {}};
+  return Event{opcode == Opcode::kPing ? Kind::kPing : Kind::kPong, payload};
 }
 
 MessageReader::Event MessageReader::close_event(ByteView payload) {
   if (payload.size() == 1) return failed(CloseCode::kProtocolError, "half a close code");
-  Event event{Kind::kClose, {}, CloseCode::kNone, {}};
+  Event event{Kind::kClose};
   if (!payload.empty()) {
     const auto code = static_cast<std::uint16_t>(payload[0] << 8 | payload[1]);
     if (!is_valid_close_code(code)) return failed(CloseCode::kProtocolError, "a close code that must not be sent");

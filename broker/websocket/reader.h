@@ -38,11 +38,15 @@ class MessageReader {
     std::size_t max_binary = 1'048'576;  ///< Bytes of a whole binary message.
   };
   struct Event {
-    enum class Kind : std::uint8_t { kText, kBinary, kPing, kPong, kClose, kFailed };
+    enum class Kind : std::uint8_t { kText, kBinary, kPing, kPong, kClose, kFailed, kFrame };
     Kind kind = Kind::kFailed;
-    ByteView payload;                   ///< kClose: the reason. Valid until the next call.
+    ByteView payload{};                 ///< kClose: the reason. Valid until the next call.
     CloseCode code = CloseCode::kNone;  ///< kClose: the peer's. kFailed: what to close with.
-    std::string_view why;               ///< kFailed: for messages.
+    std::string_view why{};             ///< kFailed: for messages.
+    // kFrame: a frame begins; nothing of its payload was taken.
+    Opcode opcode = Opcode::kContinuation;  ///< Its message's, if it continues one.
+    bool last = false;                      ///< Of its message.
+    std::uint64_t bytes = 0;                ///< Of its payload.
   };
 
   explicit MessageReader(const Limits& limits) : limits_(limits) {}

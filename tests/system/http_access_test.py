@@ -21,6 +21,7 @@ import shutil
 import signal
 import socket
 import ssl
+import struct
 import subprocess
 import sys
 import tempfile
@@ -498,6 +499,74 @@ class HttpAccess(unittest.TestCase):
         waiting[0].send(b"\r\n\r\n")
         self.assertIn(b" 200 ", waiting[0].sock.recv(4096))
 
+    def count_of(self, admin, name):
+        return int(float(re.search(rf"^eigencast_broker_{name}_total (\S+)", ask(admin, "GET", "/metrics")[2], re.MULTILINE)[1]))
+
+    def large_stream(self, port, name, subject):
+        """A sender of 32,768 coefficients, and keys of 30 bytes that change none of them."""
+        sender = connect(port, f"/v1/publish/{name}", subject)
+        announced = {"asset": payloads.asset()[1], "key_rate_hz": 50,
+                     "format": {"rows": 4096, "channels": 8, "band_ends": [4096], "codec": "quantised"}}
+        order(sender, "announce", **announced)
+        self.assertEqual(hear(sender, "announced", "error")["op"], "announced")
+        pose = lambda kind, i: struct.pack("<BBBIIQQ", kind, 1, 0, 0, 0, i, 1_000_000 + i)
+        sender.send(frame(BINARY, pose(2, 0) + bytes([2, 160, 160, 1, 0, 2, 0x9F, 0x9F])))
+        return sender, b"".join(frame(BINARY, pose(1, 1 + i) + bytes([3, 1, 0xBF])) for i in range(1500))
+
+    def flood(self, peer, data):
+        """Sends what the connection takes at once; then another holder is answered, often enough that all could be read."""
+        self.addCleanup(peer.sock.close)
+        peer.sock.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            peer.sock.send(data)
+        for i in range(50):
+            order(self.other, "ping", id=i, time_us=2)
+            self.assertEqual(hear(self.other, "pong")["id"], i, "others go on")
+        peer.sock.close()
+
+    def test_keys_are_paced_by_what_they_make_the_broker_decode(self):
+        data, admin = self.start_with_asset("--per-token-work-us-per-s=10000")
+        self.other = connect(data, "/v1/subscribe", "other")
+        for i in range(3):
+            self.flood(*self.large_stream(data, f"large/{i}", "greedy"))
+        taken = self.count_of(admin, "frames_received")
+        self.assertGreater(taken, 0)
+        self.assertLess(taken, 2000, "of 4,500, by one token over three connections")
+
+    def test_control_messages_are_paced_by_their_bytes(self):
+        data, admin = self.start_with_asset("--per-token-work-us-per-s=1000")
+        self.other = connect(data, "/v1/subscribe", "other")
+        message = {"op": "pong", "id": 1, "time_us": 1, "peer_time_us": 1, "x": 20_000 * [[]]}
+        text = json.dumps(message, separators=(",", ":")).encode()
+        for i in range(10):
+            self.flood(connect(data, f"/v1/publish/{i}", "greedy"), 3 * frame(TEXT, text))
+        self.assertLess(self.count_of(admin, "control_received") - 10 * 50, 15, "of 30 large ones")
+
+    def test_fragments_are_paced_by_their_number(self):
+        data, admin = self.start_with_asset("--per-token-work-us-per-s=1000", "--limits-control-messages-per-s=100000")
+        self.other = connect(data, "/v1/subscribe", "other")
+        empty = frame(0, fin=False)
+        question = json.dumps({"op": "ping", "id": 1, "time_us": 2}).encode()
+        self.flood(connect(data, "/v1/publish/a", "greedy"), frame(TEXT, question, fin=False) + 30_000 * empty + frame(0))
+        self.assertEqual(self.count_of(admin, "control_received"), 50, "only the other's")
+
+    def test_changes_of_profile_are_paced_by_what_they_encode(self):
+        data, admin = self.start_with_asset("--per-token-work-us-per-s=1000")
+        self.other, _ = self.large_stream(data, "large", "sender")
+        changes = b"".join(frame(TEXT, json.dumps({"op": "subscribe", "stream": "large", "profile": {"rate": "interpolated", "k": 2 + i % 14}}).encode())
+                           for i in range(90))
+        for _ in range(3):
+            self.flood(connect(data, "/v1/subscribe", "greedy"), changes)
+        self.assertLess(self.count_of(admin, "joins_sent"), 135, "of 270")
+
+    def test_chunks_of_an_upload_are_paced_by_their_number(self):
+        data, _ = self.start("--per-address-work-us-per-s=1000", "--timeouts-shutdown-ms=100")
+        with socket.create_connection(("127.0.0.1", data), timeout=5) as upload:
+            upload.sendall(f"PUT {asset_of(b'')} HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n".encode())
+            with self.assertRaises(TimeoutError, msg="6 s for each 65,536 chunks"):
+                upload.sendall(2_000_000 * b"1\r\nx\r\n")
+        self.assertEqual(ask(data, "GET", "/v1/streams", source="127.0.0.2")[0], 200, "others go on")
+
     def test_flapping_senders_evict_their_own_poses(self):
         data, _ = self.start_with_asset("--limits-max-streams=8")
         flap(data, ["kept"], "camera")
@@ -711,6 +780,28 @@ class Files(unittest.TestCase):
                 self.assertTrue(any(path.is_file() for path in found))
                 for path in found:
                     self.assertEqual(path.stat().st_mode & private, 0, path)
+
+    def test_handshakes_of_an_address_are_paced(self):
+        certificate, key = self.certificate("rsa:2048")
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        sent, hello = ssl.MemoryBIO(), ssl.MemoryBIO()
+        with contextlib.suppress(ssl.SSLWantReadError):
+            context.wrap_bio(sent, hello).do_handshake()
+        hello = hello.read()
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-work-us-per-s=1000",
+                    "--timeouts-header-ms=1000") as broker:
+            copies = [socket.create_connection(("127.0.0.1", broker.port), timeout=60) for _ in range(100)]
+            answered = 0
+            for copy in copies:
+                with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+                    copy.sendall(hello)
+                    answered += copy.recv(1) != b""
+                copy.close()
+            self.assertGreater(answered, 0)
+            self.assertLess(answered, 50, "five a second")
+            with socket.create_connection(("127.0.0.1", broker.port), timeout=60, source_address=("127.0.0.2", 0)) as other:
+                context.wrap_socket(other).close()
 
     def test_tls_without_forward_secrecy_is_refused(self):
         certificate, key = self.certificate("rsa:2048")  # With an elliptic curve nothing else could be.

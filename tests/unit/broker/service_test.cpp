@@ -351,12 +351,12 @@ TEST_F(ServiceTest, LongMessagesCountAsSeveral) {
   stop();
 }
 
-TEST_F(ServiceTest, KeysBeyondTheirRateAreReadLater) {
+TEST_F(ServiceTest, KeysBeyondTheBudgetAreReadLater) {
   std::atomic<int> told = 0;
   log_ = [&](LogLevel, std::string_view line) {
-    if (line.find("limits.coefficients_per_s") != std::string_view::npos) ++told;
+    if (line.find("work_us_per_s") != std::string_view::npos) ++told;
   };
-  config_.limits.coefficients_per_s = 10'000;
+  config_.per_address.work_us_per_s = 5'000;
   stop();
   start();
   auto flood = sender("a");

@@ -638,6 +638,39 @@ TEST_F(GateTest, ListsDelayNoOtherRequests) {
   EXPECT_EQ(flood->take_request(1000, 101 * kSecond, 5 * kSecond).value(), 0);
 }
 
+TEST_F(GateTest, WorkIsBudgetedPerHolder) {
+  config_.per_token.work_us_per_s = 1'000'000;
+  const auto request = request_from("1.1.1.1", token_for("a", {"**"}, {}));
+  auto grant = let_in(request);
+  EXPECT_EQ(grant->take_work(80'000, kSecond, 0), 0) << "at once";
+  EXPECT_EQ(grant->take_work(20'000, kSecond, 0), std::nullopt);
+  EXPECT_EQ(grant->take_work(20'000, kSecond, kSecond), 20'000);
+  grant = let_in(request, kSecond);
+  EXPECT_EQ(grant->take_work(30'000, kSecond, kSecond), 50'000) << "a new connection renews nothing";
+  EXPECT_EQ(grant->take_work(0, kSecond, kSecond), 50'000) << "what was refused was not counted";
+  EXPECT_EQ(grant->take_work(1, 3 * kSecond, 0), 0);
+  const auto neighbour = let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})), kSecond);
+  EXPECT_EQ(neighbour->take_work(80'000, kSecond, 0), 0) << "at the same address";
+  EXPECT_EQ(let_in(request_from("127.0.0.1"))->take_work(1, kSecond, 0), 0) << "others go on";
+  EXPECT_EQ(neighbour->take_work(900'000, 3 * kSecond, 0), 0) << "more than comes at once, by one that is idle";
+}
+
+TEST_F(GateTest, HandshakesAreBudgetedPerAddressBeforeAnyToken) {
+  config_.per_address.work_us_per_s = 1'000;
+  config_.proxy.trusted = {"10.0.0.1"};
+  const auto accept = [&](const char* peer) {
+    return std::get<GrantPtr>(gate().accept(IpAddress::from_text(peer).value(), 0, kSecond));
+  };
+  const auto wait_us = [&](const char* peer) { return accept(peer)->take_handshake(kSecond, kSecond); };
+  EXPECT_EQ(wait_us("1.1.1.1"), 0);
+  EXPECT_EQ(wait_us("1.1.1.1"), 200'000);
+  for (int i = 0; i < 4; ++i) (void)wait_us("1.1.1.1");
+  EXPECT_EQ(wait_us("1.1.1.1"), std::nullopt) << "too late";
+  EXPECT_EQ(wait_us("1.1.1.2"), 0) << "another address";
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(wait_us("10.0.0.1"), 0) << "a proxy shakes hands for many";
+  EXPECT_EQ(accept("1.1.1.1")->take_work(80, kSecond, 0), 0) << "newcomers delay no messages";
+}
+
 TEST_F(GateTest, UnfinishedBytesAreLimited) {
   config_.per_address.unfinished_bytes = 65'536;
   config_.per_token.unfinished_bytes = 70'000;

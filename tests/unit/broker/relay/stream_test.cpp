@@ -33,6 +33,45 @@ TEST_F(StreamTest, StalledStreamHoldsLastPose) {
   EXPECT_EQ(late.poses.back().key, key_number(2));
 }
 
+TEST_F(StreamTest, EstimatesOfWorkFollowCoefficientsAndBytes) {
+  ASSERT_TRUE(stream_.claim(sender_));
+  control::Announce large = small_announce();
+  large.format = {};
+  large.format.rows = 4096;
+  large.format.channels = 8;
+  large.format.band_ends = {4096};
+  ASSERT_TRUE(stream_.announce(large, ++epoch_));
+  EXPECT_GT(stream_.decoding_us(36, true), 70) << "coefficients that cost no bytes";
+  EXPECT_LT(stream_.decoding_us(36, false), 10) << "they count once for a message in fragments";
+  EXPECT_GT(stream_.decoding_us(8000, false), 900);
+  large.format.codec = "float32";
+  ASSERT_TRUE(stream_.announce(large, ++epoch_));
+  EXPECT_LT(stream_.decoding_us(131'099, true), 300) << "copied, not decoded";
+  large.format.rows = 300;
+  large.format.channels = 3;
+  large.format.band_ends = {300};
+  large.format.codec = "quantised";
+  ASSERT_TRUE(stream_.announce(large, ++epoch_));
+  EXPECT_LT(100 * 30 * stream_.decoding_us(300, true), 200'000) << "100 streams of 30 keys a second";
+}
+
+TEST_F(StreamTest, OnlyEncodingAJoinIsWork) {
+  FakeReceiver first, second;
+  begin();
+  play(1);
+  ASSERT_TRUE(stream_.watch(first, kRaw));
+  ASSERT_TRUE(stream_.watch(second, kRaw));
+  double work_us = 0;
+  EXPECT_TRUE(stream_.join_for(first, &work_us));
+  const double once_us = std::exchange(work_us, 0);
+  EXPECT_GT(once_us, 0);
+  EXPECT_TRUE(stream_.join_for(second, &work_us));
+  EXPECT_EQ(work_us, 0) << "made before";
+  ASSERT_TRUE(stream_.watch(second, kFull));
+  EXPECT_TRUE(stream_.join_for(second, &work_us));
+  EXPECT_EQ(work_us, once_us) << "another profile";
+}
+
 TEST_F(StreamTest, ReturningSenderBeginsNewEpoch) {
   FakeReceiver full;
   FakeReceiver compact;

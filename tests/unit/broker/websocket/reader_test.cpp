@@ -61,6 +61,7 @@ std::vector<Seen> read(std::string stream, std::size_t step, const MessageReader
                 stream.begin() + static_cast<std::ptrdiff_t>(std::min(at + step, stream.size())));
     std::span<std::uint8_t> input(piece);
     while (const auto event = reader.next(input, 0)) {
+      if (event->kind == Kind::kFrame) continue;
       all.push_back({event->kind, {event->payload.begin(), event->payload.end()}, event->code});
     }
     EXPECT_TRUE(input.empty());
@@ -83,13 +84,36 @@ std::vector<Seen> failure(CloseCode code) {
   return {{Kind::kFailed, {}, code}};
 }
 
+TEST(MessageReaderTest, EveryFrameIsReportedBeforeItsPayload) {
+  const std::string stream = frame(kText, "ab") + frame(0, "") + frame(kFin | kPing, "x") + frame(0, "") +
+                             frame(kFin, "c") + frame(kFin | kBinary, std::string(300, 'y'));
+  for (const std::size_t step : {std::size_t{1}, std::size_t{5}, stream.size()}) {
+    MessageReader reader({1 << 20, 1 << 20});
+    std::string seen;
+    for (std::size_t at = 0; at < stream.size(); at += step) {
+      std::string piece = stream.substr(at, step);
+      Bytes bytes(piece.begin(), piece.end());
+      std::span<std::uint8_t> input(bytes);
+      while (const auto event = reader.next(input, 0)) {
+        if (event->kind == Kind::kFrame) {
+          seen += std::to_string(static_cast<int>(event->opcode)) + (event->last ? "." : "-") +
+                  std::to_string(event->bytes) + " ";
+        } else {
+          seen += "=" + std::to_string(event->payload.size()) + " ";
+        }
+      }
+    }
+    EXPECT_EQ(seen, "1-2 1-0 9.1 =1 1-0 1.1 =3 2.300 =300 ") << step;
+  }
+}
+
 TEST(MessageReaderTest, MemoryOfAnIncompleteMessageIsKnown) {
   MessageReader reader({1 << 20, 1 << 20});
   const auto take = [&](std::string text) {
     Bytes bytes(text.begin(), text.end());
     std::span<std::uint8_t> input(bytes);
     std::size_t events = 0;
-    while (reader.next(input, 0)) ++events;
+    while (const auto event = reader.next(input, 0)) events += event->kind == Kind::kFrame ? 0 : 1;
     return events;
   };
   EXPECT_EQ(take(frame(kFin | kBinary, std::string(5000, 'x'))), 1u);
