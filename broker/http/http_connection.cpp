@@ -156,7 +156,7 @@ void HttpConnection::close() {
 
 void HttpConnection::start() {
   if (!transport_.is_tls()) return read_head();
-  // Before any cryptography, which costs this side far more than whoever sends a copy of a hello.
+  // Before any cryptography: a copied ClientHello costs its sender nothing, and the broker a signature.
   const auto wait_us = handshake_wait_us();
   wait_us ? later(*wait_us, [this] { shake_hands(); }) : close();
 }
