@@ -259,16 +259,19 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
 }
 
 std::optional<TimeUs> Grant::take_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
-  const Rate rate{"work_us_per_s", &Account::work, &Quota::work_us_per_s, 1, kWorkAtOnceS};
-  const auto wait_us = take_rate(rate, holders_.back(), work_us, now_us, max_wait_us);
-  return wait_us ? std::optional(*wait_us) : std::nullopt;
+  return take_loop_time(&Account::work, work_us, now_us, max_wait_us);
 }
 
 std::optional<TimeUs> Grant::take_handshake(TimeUs now_us, TimeUs max_wait_us) {
   if (policy_->is_trusted_proxy(identity_.client.address)) return 0;
-  const Rate rate{"work_us_per_s", &Account::handshakes, &Quota::work_us_per_s, 1, kWorkAtOnceS};
-  const auto wait_us = take_rate(rate, holders_.back(), kHandshakeUs, now_us, max_wait_us);
-  return wait_us ? std::optional(*wait_us) : std::nullopt;
+  return take_loop_time(&Account::handshakes, kHandshakeUs, now_us, max_wait_us);
+}
+
+std::optional<TimeUs> Grant::take_loop_time(RateLimiter Account::*limiter, double us, TimeUs now_us,
+                                            TimeUs max_wait_us) {
+  const Holder& holder = holders_.back();
+  const auto per_s = static_cast<double>(policy_->quota(holder.is_token).work_us_per_s);
+  return ((*holder.account).*limiter).take(us, per_s, per_s * kWorkAtOnceS, now_us, max_wait_us);
 }
 
 Result<TimeUs> Grant::take_request(double listing, TimeUs now_us, TimeUs max_wait_us) {
@@ -297,7 +300,7 @@ Result<TimeUs> Grant::take_rate(const Rate& rate, const Holder& holder, double a
   const std::int64_t max = policy_->quota(holder.is_token).*rate.max;
   const auto in_period = static_cast<double>(max);
   RateLimiter& limiter = (*holder.account).*rate.limiter;
-  const auto wait_us = limiter.take(amount, in_period / rate.period_s, in_period * rate.at_once, now_us, max_wait_us);
+  const auto wait_us = limiter.take(amount, in_period / rate.period_s, in_period, now_us, max_wait_us);
   if (!wait_us) return over(holder, rate.setting, max);
   return *wait_us;
 }

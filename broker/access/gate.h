@@ -144,8 +144,8 @@ class Grant {
     RateLimiter Account::*limiter;
     std::int64_t Quota::*max;  ///< In a period.
     double period_s;
-    double at_once = 1;  ///< The share of max that may come at once.
   };
+  std::optional<TimeUs> take_loop_time(RateLimiter Account::*limiter, double us, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us = 0);
   Error over(const Holder& holder, const char* limit, std::int64_t max) const;

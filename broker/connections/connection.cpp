@@ -96,7 +96,7 @@ void Connection::log_failure(const std::exception& exception) noexcept {
 void Connection::wait_to_read(Transport::Wait wait) {
   auto handler = [self = shared_from_this()](ErrorOf error) {
     self->guarded([&] {
-      if (error || self->ended_) return self->ended();  // Unread input waits past an end.
+      if (error) return self->ended();
       self->on_readable();
     });
   };
@@ -108,7 +108,7 @@ void Connection::wait_to_read(Transport::Wait wait) {
 }
 
 void Connection::on_readable() {
-  if (ended_) return;
+  if (ended_) return;  // Since this was posted.
   turn_us_ = 0;
   if (unpaid_us_ > 0) pay(0);
   if (paused_) return;

@@ -118,7 +118,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   /// Call before the write: a viewer on the same machine may read the frame before the call returns.
   void note_write(const Frame& frame);
   void note_first_write(FrameTimes& times);
-  void count_sent(std::uint64_t frames, std::uint64_t bytes);
+  void count_sent(std::int64_t frames, std::int64_t bytes);
   void check_window();
   void block(Transport::Wait wait);
   void on_all_written();
@@ -169,11 +169,11 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   bool paused_ = false;          ///< Reading waits until answers are written, or for pause_.
 };
 
-inline void Connection::count_sent(std::uint64_t frames, std::uint64_t bytes) {
-  context_.counters.frames_sent += frames;
-  context_.counters.frame_bytes_sent += bytes;
-  frames_sent_ += frames;
-  bytes_sent_ += bytes;
+inline void Connection::count_sent(std::int64_t frames, std::int64_t bytes) {
+  context_.counters.frames_sent += static_cast<std::uint64_t>(frames);
+  context_.counters.frame_bytes_sent += static_cast<std::uint64_t>(bytes);
+  frames_sent_ += static_cast<std::uint64_t>(frames);
+  bytes_sent_ += static_cast<std::uint64_t>(bytes);
 }
 
 template <typename Work>

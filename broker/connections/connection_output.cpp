@@ -32,7 +32,7 @@ void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> fram
                    !turn.is_sending(*this);
   if (!now || !outbox_.send_directly(stream_id, frame, turn.now_us())) return deliver_queued(stream_id, frames);
   note_write(frame);
-  count_sent(1, frame.wire.size());
+  count_sent(1, std::ssize(frame.wire));
   if (watch_.note_sent()) window_check_due_ = true;
   alone_ = &frame;
   if (turn.batches())
@@ -45,7 +45,7 @@ void Connection::sent(const Transport::Outcome& outcome) {
   guarded([&] {
     const std::size_t size = alone_->wire.size();
     if (outcome.bytes == size) return window_check_due_ ? check_window() : void();
-    count_sent(std::uint64_t{0} - 1, std::uint64_t{0} - size);
+    count_sent(-1, -static_cast<std::int64_t>(size));  // Not yet: deliver() counted it.
     write_queue_.insert(write_queue_.begin(), {nullptr, alone_->shared_from_this()});
     queued_bytes_ += size;
     written(outcome);
@@ -173,7 +173,7 @@ void Connection::drop_written(std::size_t bytes) {
     partial_bytes_ -= size;
     queued_bytes_ -= size;
     if (!write_queue_[whole].frame) continue;
-    count_sent(1, size);
+    count_sent(1, static_cast<std::int64_t>(size));
     if (watch_.note_sent()) window_check_due_ = true;
   }
   write_queue_.erase(write_queue_.begin(), write_queue_.begin() + static_cast<std::ptrdiff_t>(whole));
