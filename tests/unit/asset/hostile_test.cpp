@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Every byte of an asset may come from an enemy who also computes the hashes, so most cases here rehash what they
 // damage.
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -90,9 +89,6 @@ TEST(AssetHostile, EveryTruncationOfTheManifestIsAnError) {
     const auto reader = reader_of(part);
     ASSERT_FALSE(reader) << size;
     EXPECT_EQ(reader.error().code, ErrorCode::kCorrupt) << size << ": " << reader.error().message;
-    if (size >= 8) {
-      EXPECT_THAT(reader.error().message, testing::HasSubstr("ends too early")) << size;
-    }
   }
   Bytes longer = whole;
   longer.push_back(0);
