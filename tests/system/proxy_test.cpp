@@ -220,7 +220,8 @@ TEST_F(ProxyTest, OnlyPublicAssetsAreCached) {
   if (!on_path("curl")) GTEST_SKIP() << "no curl";
   const std::string keys = "jwt_keys = [\"main HS256 " + scene_.file("main.secret") + "\"]\n";
   const std::string trusted = "[proxy]\ntrusted = [\"127.0.0.1\"]\n";
-  write_secret(scene_.file("eigencast.toml"), "[access]\nanonymous = \"anywhere\"\n" + keys + trusted);
+  write_secret(scene_.file("eigencast.toml"),
+               "[access]\nanonymous = \"anywhere\"\norigins = [\"https://viewer.example\"]\n" + keys + trusted);
   auto broker = scene_.start_broker(configured());
   ASSERT_NO_FATAL_FAILURE(start_nginx());
   auto sender = start_sender();
@@ -232,6 +233,11 @@ TEST_F(ProxyTest, OnlyPublicAssetsAreCached) {
   const std::string part = curl(asset, {"--range", "5-14", "--output", "/dev/null", "--dump-header", "-"});
   EXPECT_THAT(part, HasSubstr(" 206"));
   EXPECT_THAT(part, HasSubstr("HIT"));
+  for (int i = 0; i < 2; ++i) {  // The copy of those without an origin is not for pages.
+    EXPECT_THAT(
+        curl(asset, {"--header", "Origin: https://viewer.example", "--output", "/dev/null", "--dump-header", "-"}),
+        HasSubstr("access-control-allow-origin: https://viewer.example"));
+  }
 
   // Once tokens count, what is answered to one reader is not kept for others. (The cache is emptied by the test's
   // reload.)
