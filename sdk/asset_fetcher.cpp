@@ -151,13 +151,12 @@ class AssetFetcher::Worker {
   }
 
   void rest(const std::string& what) {
-    std::unique_lock lock(mutex_);
+    const std::lock_guard lock(mutex_);
     if (current_ != nullptr) {
       current_->stats_.trouble = what + try_again_in(kLongestRetry);
       current_->next_try_us_ = steady_now_us() + TimeUs{kLongestRetry.count()} * 1000;
       current_ = nullptr;
     }
-    lock.unlock();
     changed_.notify_all();
   }
 
@@ -176,10 +175,6 @@ class AssetFetcher::Worker {
 AssetFetcher::AssetFetcher(std::string cache_dir, std::function<void()> wake, LogSink log)
     : cache_(std::move(cache_dir)), wake_(std::move(wake)), log_(std::move(log)) {}
 
-AssetFetcher::~AssetFetcher() {
-  detach();
-}
-
 void AssetFetcher::use(const BrokerUrl& broker) {
   static SharedByBroker<Worker> workers;
   auto worker = workers.get(broker, [](Worker&) { return true; });
@@ -187,12 +182,11 @@ void AssetFetcher::use(const BrokerUrl& broker) {
   const std::uint64_t order = order_;
   detach();
   worker_ = std::move(worker);
-  std::unique_lock lock(worker_->mutex_);
+  const std::lock_guard lock(worker_->mutex_);
   order_ = order;  // What has come of an object is kept.
   failures_ = 0;
   next_try_us_ = 0;
   worker_->fetchers_.push_back(this);
-  lock.unlock();
   worker_->changed_.notify_all();
 }
 
@@ -210,24 +204,22 @@ bool AssetFetcher::is_waiting() const {
 }
 
 void AssetFetcher::ask(std::vector<Object> objects) {
-  std::unique_lock lock(worker_->mutex_);
+  const std::lock_guard lock(worker_->mutex_);
   wanted_.assign(objects.begin(), objects.end());
   ready_.clear();
   stats_.trouble.clear();
   failures_ = 0;
   next_try_us_ = 0;
   worker_->cancel(*this);
-  lock.unlock();
   worker_->changed_.notify_all();
 }
 
 std::optional<Bytes> AssetFetcher::take() {
   if (!worker_) return std::nullopt;
-  std::unique_lock lock(worker_->mutex_);
+  const std::lock_guard lock(worker_->mutex_);
   if (ready_.empty()) return std::nullopt;
   Bytes bytes = std::move(ready_.front());
   ready_.pop_front();
-  lock.unlock();
   worker_->changed_.notify_all();
   return bytes;
 }

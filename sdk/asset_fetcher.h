@@ -34,7 +34,7 @@ class AssetFetcher final {
 
   /// `wake` is called whenever take() or stats() has news.
   AssetFetcher(std::string cache_dir, std::function<void()> wake, LogSink log = {});
-  ~AssetFetcher();  ///< Cancels what is under way.
+  ~AssetFetcher() { detach(); }  ///< Cancels what is under way.
   AssetFetcher(const AssetFetcher&) = delete;
   AssetFetcher& operator=(const AssetFetcher&) = delete;
 

@@ -69,11 +69,10 @@ AssetUploader::AssetUploader(std::shared_ptr<const EncodedAsset> encoded, Events
 }
 
 void AssetUploader::begin(const BrokerUrl& url, std::chrono::milliseconds after) {
-  std::unique_lock lock(mutex_);
+  const std::lock_guard lock(mutex_);
   url_ = url;
   due_ = std::chrono::steady_clock::now() + after;
   ++orders_;
-  lock.unlock();
   changed_.notify_all();
 }
 

@@ -28,6 +28,7 @@
 #include "common/spectral/laplacian.h"
 #include "common/surface/appearance.h"
 #include "common/surface/checks/check.h"
+#include "common/surface/vector.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake_parts.h"
@@ -198,9 +199,7 @@ Vec3 centroid_of(const Surface& surface, const Basis& basis) {
 
 std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis, const Vec3& origin) {
   std::vector<Vec3> centred = surface.positions;
-  for (Vec3& p : centred) {
-    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] -= origin[axis];
-  }
+  for (Vec3& p : centred) p = p - origin;
   const Eigen::MatrixXd C = coefficients_from_positions(basis, centred);
   // The rest pose lies in the first columns of an augmented basis; the others hold rounding.
   const double rounding = 1e-12 * C.cwiseAbs().maxCoeff();
@@ -222,10 +221,9 @@ std::vector<float> rows_in_order(const Eigen::MatrixXd& Psi, std::span<const std
   std::vector<std::size_t> row_of(order.size());
   for (std::size_t row = 0; row < order.size(); ++row) row_of[order[row]] = row;
   std::vector<float> rows(order.size() * r);
-  worker_team().run((r + kColumns - 1) / kColumns, [&](std::size_t task) {
-    const std::size_t end = std::min(r, (task + 1) * kColumns);
+  for_shares(r, kColumns, [&](std::size_t first, std::size_t end) {
     for (std::size_t source = 0; source < row_of.size(); ++source) {
-      for (std::size_t k = task * kColumns; k < end; ++k) {
+      for (std::size_t k = first; k < end; ++k) {
         rows[row_of[source] * r + k] =
             static_cast<float>(Psi(static_cast<Eigen::Index>(source), static_cast<Eigen::Index>(k)));
       }
@@ -315,13 +313,6 @@ Error cancelled(std::string_view stage) {
   return fail(ErrorCode::kCancelled, "baking was stopped before its stage '" + std::string(stage) + "'");
 }
 
-Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const BakeOptions& options,
-                       const Progress& progress) {
-  if (is_of_motion(options.basis))
-    return build_motion_basis(surface, laplacian, *options.motion, options.rank, progress);
-  return build_basis(surface, laplacian, {options.basis, options.rank, options.solver}, progress);
-}
-
 /// Levels of detail need nothing of the basis, whose solver leaves a processor idle now and then: a thread of their
 /// own finds them. Where no thread is available, the first request does.
 class OrderToCome {
@@ -359,7 +350,10 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   auto laplacian = build_laplacian(surface, {.delaunay = options.delaunay, .points = options.points_operator});
   if (!laplacian) return laplacian.error();
   OrderToCome order_to_come(surface, poses, appearance);
-  auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));
+  const Progress solving = stages.within(kLaplacianDone, kBasisDone);
+  auto basis = is_of_motion(options.basis)
+                   ? build_motion_basis(surface, *laplacian, *options.motion, options.rank, solving)
+                   : build_basis(surface, *laplacian, {options.basis, options.rank, options.solver}, solving);
   if (!basis) return basis.error();
   do {
     if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
@@ -374,11 +368,9 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
     exact.detail = detail_from(detail, exact, surface, normals, encoding);
   auto encoded = encode_asset(exact, encoding);
   if (!encoded) return encoded.error();
-  auto asset = decode_asset(*encoded);
-  if (!asset) return in_context("the asset just encoded cannot be decoded", asset.error());
-
   BakeResult result;
-  result.asset = std::move(*asset);
+  if (const auto good = store(result.asset, decode_asset(*encoded)); !good)
+    return in_context("the asset just encoded cannot be decoded", good.error());
   result.encoded = std::move(*encoded);
   result.certified = basis->certified;
   result.approximate = basis->approximate;

@@ -24,14 +24,6 @@ using Vector = std::array<double, 3>;
 constexpr double kMinError = 1e-3, kMaxError = 1e-2;
 constexpr std::size_t kRowsAtOnce = 256;
 
-template <typename Work>
-void for_rows(std::size_t rows, const Work& work) {
-  worker_team().run((rows + kRowsAtOnce - 1) / kRowsAtOnce, [&](std::size_t task) {
-    const std::size_t end = std::min(rows, (task + 1) * kRowsAtOnce);
-    for (std::size_t row = task * kRowsAtOnce; row < end; ++row) work(row);
-  });
-}
-
 /// Returns the rest pose in rows' order, in the asset's space.
 std::vector<Vec3> rest_rows(const Asset& asset, const Surface& surface) {
   std::vector<Vec3> rows(asset.vertex_count);
@@ -44,7 +36,7 @@ std::vector<Vec3> rest_rows(const Asset& asset, const Surface& surface) {
 
 std::vector<Vec3> base_rows(const Asset& asset) {
   std::vector<Vec3> rows(asset.vertex_count);
-  for_rows(rows.size(), [&](std::size_t row) {
+  for_each_shared(rows.size(), kRowsAtOnce, [&](std::size_t row) {
     for (std::size_t k = 0; k < asset.rank; ++k) {
       const double entry = double{asset.basis[row * asset.rank + k]};
       for (std::size_t axis = 0; axis < 3; ++axis) rows[row][axis] += entry * asset.rest[3 * k + axis];
@@ -80,7 +72,7 @@ class Derivatives {
   template <typename Use>
   void for_all(const Use& use) const {
     const std::size_t r = asset_.rank;
-    for_rows(asset_.vertex_count, [&](std::size_t row) {
+    for_each_shared(asset_.vertex_count, kRowsAtOnce, [&](std::size_t row) {
       thread_local std::vector<float> room;
       room.assign(2 * r, 0);
       float* along_x = room.data();

@@ -21,10 +21,8 @@ int image_of(const Appearance& appearance, std::size_t face) {
 }
 
 bool in_image(const std::array<std::array<float, 2>, 3>& corners) {
-  for (const auto& uv : corners) {
-    if (!(std::abs(uv[0]) <= kFarthest && std::abs(uv[1]) <= kFarthest)) return false;
-  }
-  return true;
+  return std::all_of(corners.begin(), corners.end(),
+                     [](const auto& uv) { return std::abs(uv[0]) <= kFarthest && std::abs(uv[1]) <= kFarthest; });
 }
 
 }  // namespace

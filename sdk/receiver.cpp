@@ -28,10 +28,6 @@ Receiver::Receiver(const BrokerUrl& url, BrokerConnection::Request request, std:
   connection_ = BrokerConnection::join(url_, request_, *this);
 }
 
-Receiver::~Receiver() {
-  connection_->leave(*this);
-}
-
 Receiver::News Receiver::take() {
   std::unique_lock lock(mutex_);
   if (std::exchange(crowded_out_, false)) {

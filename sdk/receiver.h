@@ -14,7 +14,6 @@
 #include "common/codec/key.h"
 #include "common/core/clock.h"
 #include "common/core/histogram.h"
-#include "common/core/log.h"
 #include "common/net/clock_offset.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
@@ -50,7 +49,7 @@ class Receiver final : private BrokerConnection::Listener {
 
   /// wake  is called on the connection's thread
   Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake);
-  ~Receiver() override;
+  ~Receiver() override { connection_->leave(*this); }
 
   News take();                                ///< Use from one thread.
   std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -31,5 +32,19 @@ class WorkerTeam {
 
 /// The process's team, with a thread for each processor that it may use.
 WorkerTeam& worker_team();
+
+/// Calls work(first, end) for shares of `at_once` of the numbers below `count`, as WorkerTeam::run() does.
+template <typename Work>
+void for_shares(std::size_t count, std::size_t at_once, const Work& work) {
+  worker_team().run((count + at_once - 1) / at_once,
+                    [&](std::size_t share) { work(share * at_once, std::min(count, (share + 1) * at_once)); });
+}
+/// Calls work(i) for each of them.
+template <typename Work>
+void for_each_shared(std::size_t count, std::size_t at_once, const Work& work) {
+  for_shares(count, at_once, [&](std::size_t first, std::size_t end) {
+    for (std::size_t i = first; i < end; ++i) work(i);
+  });
+}
 
 }  // namespace eigencast

@@ -92,10 +92,6 @@ bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
   return true;
 }
 
-void Playout::drop_estimates() {
-  while (!poses_.empty() && poses_.back().shown == Shown::kEstimated) poses_.pop_back();
-}
-
 TimeUs Playout::media_time(TimeUs now_us) {
   const TimeUs newest_us = poses_.back().time_us;
   if (settings_.mode == PlayoutMode::kLatest) {

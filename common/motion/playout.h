@@ -103,7 +103,9 @@ class Playout {
     const PlayoutPose* pose;
     double weight;
   };
-  void drop_estimates();
+  void drop_estimates() {
+    while (!poses_.empty() && poses_.back().shown == Shown::kEstimated) poses_.pop_back();
+  }
   PlayoutPose planned(TimeUs media_us) const;
   PlayoutPose between(std::size_t to, TimeUs media_us) const;
   PlayoutPose beyond_newest(TimeUs media_us) const;

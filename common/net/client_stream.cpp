@@ -12,7 +12,6 @@
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <boost/beast/websocket/teardown.hpp>
-#include <string_view>
 
 #include "common/core/text.h"
 

@@ -45,9 +45,7 @@ class HttpConnection::Impl {
 
   Result<HttpResponse> exchange(Request& request, const Sink& wanted = {}) {
     if (url_.tls && !tls_) {
-      auto made = make_client_tls(url_);
-      if (!made) return made.error();
-      tls_ = std::move(*made);
+      if (const auto good = store(tls_, make_client_tls(url_)); !good) return good.error();
     }
     if (!url_.credentials.token.empty()) request.set(http::field::authorization, "Bearer " + url_.credentials.token);
     if (!url_.prefix.empty()) request.target(url_.prefix + std::string(request.target()));

@@ -203,9 +203,7 @@ Result<void> complete_credentials(BrokerUrl& url, const Credentials& given, cons
   own.insecure = own.insecure || given.insecure;
   const char* environment = std::getenv("EIGENCAST_TOKEN");
   if (own.token.empty() && environment != nullptr) own.token = environment;
-  auto token = token_from(own.token);
-  if (!token) return token.error();
-  own.token = std::move(*token);
+  if (const auto good = store(own.token, token_from(own.token)); !good) return good;
   const auto fits = [](char c) { return c > ' ' && c <= '~'; };
   if (own.token.size() > kMaxTokenBytes || !std::all_of(own.token.begin(), own.token.end(), fits)) {
     return fail(ErrorCode::kInvalidArgument, "the token is invalid: it is over 8 KiB or contains blanks");

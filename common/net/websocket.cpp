@@ -16,7 +16,6 @@
 #include <boost/beast/websocket.hpp>
 #include <cassert>
 #include <cmath>
-#include <cstring>
 #include <deque>
 #include <mutex>
 #include <optional>
@@ -87,7 +86,6 @@ class LockingExecutor {
   friend bool operator==(const LockingExecutor& a, const LockingExecutor& b) noexcept {
     return a.inner_ == b.inner_ && a.lock_ == b.lock_;
   }
-  friend bool operator!=(const LockingExecutor& a, const LockingExecutor& b) noexcept { return !(a == b); }
 
  private:
   Inner inner_;

@@ -7,7 +7,6 @@
 #include <string>
 
 #include "common/core/bytes.h"
-#include "common/core/clock.h"
 #include "common/core/log.h"
 #include "common/net/url.h"
 

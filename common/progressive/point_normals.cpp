@@ -296,18 +296,15 @@ std::vector<Vec3> oriented_normals(std::span<const Vec3> positions) {
   const Neighbours neighbours(positions, members);
   std::vector<std::array<std::uint32_t, kEdges>> edges_of(members.size());
   std::vector<double> reach(positions.size());  // 0 for copies of a point, which neither hide nor vote
-  worker_team().run((members.size() + kPointsAtOnce - 1) / kPointsAtOnce, [&](std::size_t part) {
-    const std::size_t end = std::min(members.size(), (part + 1) * kPointsAtOnce);
-    for (std::size_t m = part * kPointsAtOnce; m < end; ++m) {
-      const std::uint32_t i = members[m];
-      std::vector<std::uint32_t> around = neighbours.nearest(positions[i], kNormalNeighbours + 1);
-      std::erase(around, i);
-      normals[i] = normal_from_points(positions, positions[i], around);
-      edges_of[m].fill(i);
-      std::copy_n(around.begin(), std::min(kEdges, around.size()), edges_of[m].begin());
-      for (const std::uint32_t j : edges_of[m]) reach[i] += length(positions[j] - positions[i]);
-      reach[i] *= kReach / static_cast<double>(std::max<std::size_t>(1, std::min(kEdges, around.size())));
-    }
+  for_each_shared(members.size(), kPointsAtOnce, [&](std::size_t m) {
+    const std::uint32_t i = members[m];
+    std::vector<std::uint32_t> around = neighbours.nearest(positions[i], kNormalNeighbours + 1);
+    std::erase(around, i);
+    normals[i] = normal_from_points(positions, positions[i], around);
+    edges_of[m].fill(i);
+    std::copy_n(around.begin(), std::min(kEdges, around.size()), edges_of[m].begin());
+    for (const std::uint32_t j : edges_of[m]) reach[i] += length(positions[j] - positions[i]);
+    reach[i] *= kReach / static_cast<double>(std::max<std::size_t>(1, std::min(kEdges, around.size())));
   });
   std::vector<Edge> edges;
   edges.reserve(members.size() * kEdges);

@@ -3,9 +3,7 @@
 
 #include <algorithm>
 #include <cassert>
-#include <cmath>
 #include <numeric>
-#include <string>
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"

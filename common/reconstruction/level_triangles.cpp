@@ -79,8 +79,4 @@ void LevelTriangles::mark(std::size_t slot) {
   block_versions_[block] = version_;
 }
 
-std::span<const std::uint32_t> LevelTriangles::slots_of(std::uint32_t vertex) const {
-  return {slots_.data() + first_slot_[vertex], slots_.data() + first_slot_[vertex + 1]};
-}
-
 }  // namespace eigencast

@@ -34,7 +34,9 @@ class LevelTriangles {
 
  private:
   void mark(std::size_t slot);
-  std::span<const std::uint32_t> slots_of(std::uint32_t vertex) const;
+  std::span<const std::uint32_t> slots_of(std::uint32_t vertex) const {
+    return {slots_.data() + first_slot_[vertex], slots_.data() + first_slot_[vertex + 1]};
+  }
 
   std::uint32_t base_ = 0, rows_ = 0, level_ = 0;
   std::vector<std::uint32_t> map_, death_;  ///< Copies of the asset's.

@@ -18,11 +18,6 @@ std::string text_of(ByteView bytes) {
   return {bytes.begin(), bytes.end()};
 }
 
-bool is_content(Type type) {
-  return type == Type::kAnnounce || type == Type::kFrame || type == Type::kCheckpoint || type == Type::kObject ||
-         type == Type::kGap;
-}
-
 }  // namespace
 
 Reader::Reader(std::unique_ptr<std::istream> in, std::uint64_t size) : in_(std::move(in)), size_(size) {}
@@ -173,7 +168,10 @@ Result<std::optional<Record>> Reader::next() {
     auto record = record_at(at_);
     if (!record) return fail(ErrorCode::kCorrupt, "the record at byte " + std::to_string(at_) + " is damaged");
     at_ += kHeadBytes + record->body.size();
-    if (is_content(record->type)) return std::optional(std::move(*record));
+    const Type type = record->type;
+    if (type == Type::kAnnounce || type == Type::kFrame || type == Type::kCheckpoint || type == Type::kObject ||
+        type == Type::kGap)
+      return std::optional(std::move(*record));
   }
   return std::optional<Record>();
 }

@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <span>
-#include <string>
 
 #include "common/spectral/basis_options.h"
 #include "common/spectral/eigenbasis.h"

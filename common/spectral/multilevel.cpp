@@ -2,7 +2,6 @@
 #include "common/spectral/multilevel.h"
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 #include <memory>
 #include <string_view>

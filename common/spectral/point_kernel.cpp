@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <utility>
 
@@ -40,16 +39,9 @@ Distinct distinct_points(std::span<const Vec3> positions, const LocalTriangles& 
   return distinct;
 }
 
-/// work(first, end) for the points, shares of them at the same time.
-void for_shares(std::size_t points, const std::function<void(std::size_t, std::size_t)>& work) {
-  worker_team().run((points + kPointsAtOnce - 1) / kPointsAtOnce, [&](std::size_t share) {
-    work(share * kPointsAtOnce, std::min(points, (share + 1) * kPointsAtOnce));
-  });
-}
-
 std::vector<double> spacings(const KdTree& tree, std::span<const Vec3> positions) {
   std::vector<double> spacing(positions.size());
-  for_shares(positions.size(), [&](std::size_t first, std::size_t end) {
+  for_shares(positions.size(), kPointsAtOnce, [&](std::size_t first, std::size_t end) {
     std::array<std::uint32_t, kSpacingOf + 1> found{};  // itself among them
     std::array<double, kSpacingOf + 1> squared{};
     for (std::size_t i = first; i < end; ++i) {
@@ -96,7 +88,7 @@ PointKernel point_kernel(std::span<const Vec3> positions, const LocalTriangles& 
   const std::vector<double> area = areas(distinct, tree, local.cell, spacing);
 
   std::vector<std::vector<Pair>> parts((n + kPointsAtOnce - 1) / kPointsAtOnce);
-  for_shares(n, [&](std::size_t first, std::size_t end) {
+  for_shares(n, kPointsAtOnce, [&](std::size_t first, std::size_t end) {
     std::vector<Pair>& pairs = parts[first / kPointsAtOnce];
     std::vector<std::uint32_t> found(std::min(kMaxNeighbours + 1, n));
     std::vector<double> squared(found.size());

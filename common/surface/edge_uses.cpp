@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/surface/edge_uses.h"
 
+#include <algorithm>
 #include <tuple>
 
 namespace eigencast {

@@ -133,15 +133,88 @@ class ArapDeformer final : public Deformer {
         iterations_(iterations),
         neighbours_(cotangent_neighbours(model.positions, model.faces)) {}
 
-  Result<void> prepare();
+  Result<void> prepare() {
+    held_.assign(rest_.size(), kFree);
+    handles_ = centres_of(groups_, rest_);
+    for (std::uint32_t g = 0; g < groups_.size(); ++g) {
+      for (const std::uint32_t v : groups_[g]) held_[v] = g;
+    }
+    if (const std::size_t v = unheld(neighbours_, held_); v < rest_.size()) {
+      return fail(ErrorCode::kInvalidArgument, "the part of the model with vertex " + std::to_string(v) +
+                                                   " has no handle, so that nothing moves it");
+    }
+    unknown_.assign(rest_.size(), kFree);
+    for (std::uint32_t v = 0; v < rest_.size(); ++v) {
+      if (held_[v] == kFree) unknown_[v] = static_cast<std::uint32_t>(free_.size()), free_.push_back(v);
+    }
+    std::vector<Eigen::Triplet<double>> entries;
+    for (std::uint32_t i = 0; i < free_.size(); ++i) {
+      double sum = 0;
+      for (const Neighbour& n : neighbours_[free_[i]]) {
+        sum += n.weight;
+        if (unknown_[n.vertex] < i) entries.emplace_back(i, unknown_[n.vertex], -n.weight);
+      }
+      entries.emplace_back(i, i, sum);
+    }
+    Sparse L(static_cast<Eigen::Index>(free_.size()), static_cast<Eigen::Index>(free_.size()));
+    L.setFromTriplets(entries.begin(), entries.end());
+    factor_.compute(L);
+    if (!free_.empty() && factor_.info() != Eigen::Success)
+      return fail(ErrorCode::kNumerical, "the system of the handles could not be factored");
+    pose_.resize(static_cast<Eigen::Index>(rest_.size()), 3);
+    for (std::size_t v = 0; v < rest_.size(); ++v)
+      pose_.row(static_cast<Eigen::Index>(v)) = eigen(rest_[v]).transpose();
+    rotations_.assign(rest_.size(), Eigen::Matrix3d::Identity());
+    return {};
+  }
+
   std::span<const Vec3> handles() const override { return handles_; }
   std::span<const Face> handle_faces() const override { return {}; }
-  std::vector<Vec3> positions(std::span<const Vec3> moved) override;
+  std::vector<Vec3> positions(std::span<const Vec3> moved) override {
+    assert(moved.size() == handles_.size());
+    for (std::uint32_t g = 0; g < groups_.size(); ++g) {
+      const Vec3 shift = moved[g] - handles_[g];
+      for (const std::uint32_t v : groups_[g]) pose_.row(v) = eigen(rest_[v] + shift).transpose();
+    }
+    for (int i = 0; i < iterations_ && !free_.empty(); ++i) {
+      fit_rotations();
+      fit_positions();
+    }
+    std::vector<Vec3> positions(rest_.size());
+    for (std::size_t v = 0; v < rest_.size(); ++v) {
+      for (std::size_t c = 0; c < 3; ++c)
+        positions[v][c] = pose_(static_cast<Eigen::Index>(v), static_cast<Eigen::Index>(c));
+    }
+    return positions;
+  }
 
  private:
   Eigen::Vector3d row(std::uint32_t v) const { return pose_.row(v).transpose(); }
-  void fit_rotations();
-  void fit_positions();
+  void fit_rotations() {
+    for_each_shared(rest_.size(), kVerticesPerTask, [&](std::size_t v) {
+      Eigen::Matrix3d S = Eigen::Matrix3d::Zero();
+      for (const Neighbour& n : neighbours_[v]) {
+        S += n.weight * eigen(rest_[n.vertex] - rest_[v]) *
+             (pose_.row(n.vertex) - pose_.row(static_cast<Eigen::Index>(v)));
+      }
+      rotations_[v] = best_rotation(S);
+    });
+  }
+
+  void fit_positions() {
+    Positions right(static_cast<Eigen::Index>(free_.size()), 3);
+    for (std::size_t i = 0; i < free_.size(); ++i) {
+      const std::uint32_t v = free_[i];
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      for (const Neighbour& n : neighbours_[v]) {
+        sum += 0.5 * n.weight * (rotations_[v] + rotations_[n.vertex]) * eigen(rest_[v] - rest_[n.vertex]);
+        if (held_[n.vertex] != kFree) sum += n.weight * row(n.vertex);
+      }
+      right.row(static_cast<Eigen::Index>(i)) = sum.transpose();
+    }
+    const Positions solved = factor_.solve(right);
+    for (std::size_t i = 0; i < free_.size(); ++i) pose_.row(free_[i]) = solved.row(static_cast<Eigen::Index>(i));
+  }
 
   std::vector<Vec3> rest_;
   std::vector<HandleGroup> groups_;
@@ -155,87 +228,6 @@ class ArapDeformer final : public Deformer {
   Positions pose_;  ///< n x 3, the last.
   std::vector<Eigen::Matrix3d> rotations_;
 };
-
-Result<void> ArapDeformer::prepare() {
-  held_.assign(rest_.size(), kFree);
-  handles_ = centres_of(groups_, rest_);
-  for (std::uint32_t g = 0; g < groups_.size(); ++g) {
-    for (const std::uint32_t v : groups_[g]) held_[v] = g;
-  }
-  if (const std::size_t v = unheld(neighbours_, held_); v < rest_.size()) {
-    return fail(ErrorCode::kInvalidArgument,
-                "the part of the model with vertex " + std::to_string(v) + " has no handle, so that nothing moves it");
-  }
-  unknown_.assign(rest_.size(), kFree);
-  for (std::uint32_t v = 0; v < rest_.size(); ++v) {
-    if (held_[v] == kFree) unknown_[v] = static_cast<std::uint32_t>(free_.size()), free_.push_back(v);
-  }
-  std::vector<Eigen::Triplet<double>> entries;
-  for (std::uint32_t i = 0; i < free_.size(); ++i) {
-    double sum = 0;
-    for (const Neighbour& n : neighbours_[free_[i]]) {
-      sum += n.weight;
-      if (unknown_[n.vertex] < i) entries.emplace_back(i, unknown_[n.vertex], -n.weight);
-    }
-    entries.emplace_back(i, i, sum);
-  }
-  Sparse L(static_cast<Eigen::Index>(free_.size()), static_cast<Eigen::Index>(free_.size()));
-  L.setFromTriplets(entries.begin(), entries.end());
-  factor_.compute(L);
-  if (!free_.empty() && factor_.info() != Eigen::Success)
-    return fail(ErrorCode::kNumerical, "the system of the handles could not be factored");
-  pose_.resize(static_cast<Eigen::Index>(rest_.size()), 3);
-  for (std::size_t v = 0; v < rest_.size(); ++v) pose_.row(static_cast<Eigen::Index>(v)) = eigen(rest_[v]).transpose();
-  rotations_.assign(rest_.size(), Eigen::Matrix3d::Identity());
-  return {};
-}
-
-void ArapDeformer::fit_rotations() {
-  worker_team().run((rest_.size() + kVerticesPerTask - 1) / kVerticesPerTask, [&](std::size_t task) {
-    const std::size_t end = std::min(rest_.size(), (task + 1) * kVerticesPerTask);
-    for (std::size_t v = task * kVerticesPerTask; v < end; ++v) {
-      Eigen::Matrix3d S = Eigen::Matrix3d::Zero();
-      for (const Neighbour& n : neighbours_[v]) {
-        S += n.weight * eigen(rest_[n.vertex] - rest_[v]) *
-             (pose_.row(n.vertex) - pose_.row(static_cast<Eigen::Index>(v)));
-      }
-      rotations_[v] = best_rotation(S);
-    }
-  });
-}
-
-void ArapDeformer::fit_positions() {
-  Positions right(static_cast<Eigen::Index>(free_.size()), 3);
-  for (std::size_t i = 0; i < free_.size(); ++i) {
-    const std::uint32_t v = free_[i];
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (const Neighbour& n : neighbours_[v]) {
-      sum += 0.5 * n.weight * (rotations_[v] + rotations_[n.vertex]) * eigen(rest_[v] - rest_[n.vertex]);
-      if (held_[n.vertex] != kFree) sum += n.weight * row(n.vertex);
-    }
-    right.row(static_cast<Eigen::Index>(i)) = sum.transpose();
-  }
-  const Positions solved = factor_.solve(right);
-  for (std::size_t i = 0; i < free_.size(); ++i) pose_.row(free_[i]) = solved.row(static_cast<Eigen::Index>(i));
-}
-
-std::vector<Vec3> ArapDeformer::positions(std::span<const Vec3> moved) {
-  assert(moved.size() == handles_.size());
-  for (std::uint32_t g = 0; g < groups_.size(); ++g) {
-    const Vec3 shift = moved[g] - handles_[g];
-    for (const std::uint32_t v : groups_[g]) pose_.row(v) = eigen(rest_[v] + shift).transpose();
-  }
-  for (int i = 0; i < iterations_ && !free_.empty(); ++i) {
-    fit_rotations();
-    fit_positions();
-  }
-  std::vector<Vec3> positions(rest_.size());
-  for (std::size_t v = 0; v < rest_.size(); ++v) {
-    for (std::size_t c = 0; c < 3; ++c)
-      positions[v][c] = pose_(static_cast<Eigen::Index>(v), static_cast<Eigen::Index>(c));
-  }
-  return positions;
-}
 
 constexpr std::size_t kSamples = 150;
 // Scale the energy's mean diagonal: how strongly a handle is held, and how weakly everything is held at rest.
@@ -264,19 +256,107 @@ class ReducedArap final : public Deformer {
  public:
   ReducedArap(const Asset& asset, int iterations) : asset_(asset), iterations_(iterations) {}
 
-  Result<void> prepare(const std::vector<HandleGroup>& groups);
+  Result<void> prepare(const std::vector<HandleGroup>& groups) {
+    const std::size_t n = asset_.vertex_count, r = asset_.rank;
+    std::vector<float> rest(3 * n);
+    positions_from_coefficients(asset_, asset_.rest, 3, asset_.rank, asset_.vertex_count, rest);
+    rest_.resize(n);
+    for (std::size_t v = 0; v < n; ++v) std::copy_n(&rest[3 * v], 3, rest_[v].begin());
+    C_ = Eigen::Map<const Coefficients>(asset_.rest.data(), static_cast<Eigen::Index>(r), 3);
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(r));
+    add_energy(A);
+    add_handles(groups, A);
+    factor_.compute(A);
+    if (factor_.info() != Eigen::Success || !factor_.isPositive())
+      return fail(ErrorCode::kNumerical, "the system of the handles could not be factored");
+    return {};
+  }
+
   std::span<const Vec3> handles() const override { return handles_; }
   std::span<const Face> handle_faces() const override { return {}; }
-  std::vector<Vec3> positions(std::span<const Vec3> moved) override;
+  std::vector<Vec3> positions(std::span<const Vec3> moved) override {
+    const std::vector<double> C = coefficients(moved);
+    std::vector<float> rows(3 * rest_.size());
+    positions_from_coefficients(asset_, C, 3, asset_.rank, asset_.vertex_count, rows);
+    std::vector<Vec3> pose(rest_.size());
+    for (std::size_t v = 0; v < rest_.size(); ++v) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        pose[asset_.source_vertex[v]][axis] = static_cast<double>(rows[3 * v + axis]) + asset_.origin[axis];
+    }
+    return pose;
+  }
+
   bool makes_coefficients() const override { return true; }
-  std::vector<double> coefficients(std::span<const Vec3> moved) override;
+  std::vector<double> coefficients(std::span<const Vec3> moved) override {
+    assert(moved.size() == handles_.size());
+    Coefficients right = held_;
+    for (std::size_t g = 0; g < moved.size(); ++g) {
+      right += H_.row(static_cast<Eigen::Index>(g)).transpose() * eigen(moved[g] - handles_[g]).transpose();
+    }
+    Coefficients turned(G_.rows(), 3);
+    for (int i = 0; i < iterations_; ++i) {
+      const Coefficients S = G_ * C_;
+      for (Eigen::Index k = 0; k < S.rows(); k += 3)
+        turned.middleRows<3>(k) = best_rotation(S.middleRows<3>(k)).transpose();
+      C_ = factor_.solve(right + G_.transpose() * turned);
+    }
+    return {C_.data(), C_.data() + C_.size()};
+  }
 
  private:
   Eigen::Map<const Eigen::RowVectorXf> row(std::size_t v) const {
     return {&asset_.basis[v * asset_.rank], static_cast<Eigen::Index>(asset_.rank)};
   }
-  void add_energy(Eigen::MatrixXd& A);
-  void add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A);
+  void add_energy(Eigen::MatrixXd& A) {
+    const std::vector<std::uint32_t> corners = triangles_at_level(asset_, asset_.vertex_count);
+    std::vector<Face> faces(corners.size() / 3);
+    for (std::size_t f = 0; f < faces.size(); ++f) std::copy_n(&corners[3 * f], 3, faces[f].begin());
+    const auto neighbours = cotangent_neighbours(rest_, faces);
+    const std::size_t samples = std::min(kSamples, rest_.size());
+    const std::vector<std::uint32_t> cluster = clusters_of(rest_, samples);
+    G_ = RowMatrix::Zero(static_cast<Eigen::Index>(3 * samples), A.cols());
+    RowMatrix edges(64, A.cols());  // many at once, so that A is updated by whole blocks
+    Eigen::Index filled = 0;
+    const auto flush = [&] {
+      const auto some = edges.topRows(filled);
+      A.selfadjointView<Eigen::Lower>().rankUpdate(some.transpose());
+      filled = 0;
+    };
+    for (std::size_t v = 0; v < rest_.size(); ++v) {
+      for (const Neighbour& n : neighbours[v]) {
+        const Eigen::RowVectorXd d = (row(v) - row(n.vertex)).cast<double>();
+        const Vec3 p = rest_[v] - rest_[n.vertex];
+        for (std::size_t axis = 0; axis < 3; ++axis)
+          G_.row(static_cast<Eigen::Index>(3 * cluster[v] + axis)) += n.weight * p[axis] * d;
+        edges.row(filled++) = std::sqrt(n.weight) * d;
+        if (filled == edges.rows()) flush();
+      }
+    }
+    if (filled > 0) flush();  // Eigen divides by the number of rows
+    A.triangularView<Eigen::StrictlyUpper>() = A.transpose();
+  }
+
+  void add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A) {
+    std::vector<std::uint32_t> row_of(asset_.vertex_count);
+    for (std::uint32_t i = 0; i < asset_.vertex_count; ++i) row_of[asset_.source_vertex[i]] = i;
+    const double scale = A.trace() / static_cast<double>(A.cols());
+    H_ = RowMatrix::Zero(static_cast<Eigen::Index>(groups.size()), A.cols());
+    held_ = Coefficients::Zero(A.cols(), 3);
+    for (std::size_t g = 0; g < groups.size(); ++g) {
+      const double share = 1 / static_cast<double>(groups[g].size()), weight = kHold * scale * share;
+      Vec3 centre{};
+      for (const std::uint32_t v : groups[g]) {
+        const Eigen::RowVectorXd psi = row(row_of[v]).cast<double>();
+        A.noalias() += weight * psi.transpose() * psi;
+        H_.row(static_cast<Eigen::Index>(g)) += weight * psi;
+        held_ += weight * psi.transpose() * eigen(rest_[row_of[v]]).transpose();
+        centre = centre + share * rest_[row_of[v]];
+      }
+      handles_.push_back(centre + asset_.origin);
+    }
+    A.diagonal().array() += kRest * scale;
+    held_ += kRest * scale * C_;
+  }
 
   const Asset& asset_;
   int iterations_;
@@ -288,101 +368,6 @@ class ReducedArap final : public Deformer {
   Eigen::LDLT<Eigen::MatrixXd> factor_;
   Coefficients C_;  ///< The last pose.
 };
-
-Result<void> ReducedArap::prepare(const std::vector<HandleGroup>& groups) {
-  const std::size_t n = asset_.vertex_count, r = asset_.rank;
-  std::vector<float> rest(3 * n);
-  positions_from_coefficients(asset_, asset_.rest, 3, asset_.rank, asset_.vertex_count, rest);
-  rest_.resize(n);
-  for (std::size_t v = 0; v < n; ++v) std::copy_n(&rest[3 * v], 3, rest_[v].begin());
-  C_ = Eigen::Map<const Coefficients>(asset_.rest.data(), static_cast<Eigen::Index>(r), 3);
-  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(r));
-  add_energy(A);
-  add_handles(groups, A);
-  factor_.compute(A);
-  if (factor_.info() != Eigen::Success || !factor_.isPositive())
-    return fail(ErrorCode::kNumerical, "the system of the handles could not be factored");
-  return {};
-}
-
-void ReducedArap::add_energy(Eigen::MatrixXd& A) {
-  const std::vector<std::uint32_t> corners = triangles_at_level(asset_, asset_.vertex_count);
-  std::vector<Face> faces(corners.size() / 3);
-  for (std::size_t f = 0; f < faces.size(); ++f) std::copy_n(&corners[3 * f], 3, faces[f].begin());
-  const auto neighbours = cotangent_neighbours(rest_, faces);
-  const std::size_t samples = std::min(kSamples, rest_.size());
-  const std::vector<std::uint32_t> cluster = clusters_of(rest_, samples);
-  G_ = RowMatrix::Zero(static_cast<Eigen::Index>(3 * samples), A.cols());
-  RowMatrix edges(64, A.cols());  // many at once, so that A is updated by whole blocks
-  Eigen::Index filled = 0;
-  const auto flush = [&] {
-    const auto some = edges.topRows(filled);
-    A.selfadjointView<Eigen::Lower>().rankUpdate(some.transpose());
-    filled = 0;
-  };
-  for (std::size_t v = 0; v < rest_.size(); ++v) {
-    for (const Neighbour& n : neighbours[v]) {
-      const Eigen::RowVectorXd d = (row(v) - row(n.vertex)).cast<double>();
-      const Vec3 p = rest_[v] - rest_[n.vertex];
-      for (std::size_t axis = 0; axis < 3; ++axis)
-        G_.row(static_cast<Eigen::Index>(3 * cluster[v] + axis)) += n.weight * p[axis] * d;
-      edges.row(filled++) = std::sqrt(n.weight) * d;
-      if (filled == edges.rows()) flush();
-    }
-  }
-  if (filled > 0) flush();  // Eigen divides by the number of rows
-  A.triangularView<Eigen::StrictlyUpper>() = A.transpose();
-}
-
-void ReducedArap::add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A) {
-  std::vector<std::uint32_t> row_of(asset_.vertex_count);
-  for (std::uint32_t i = 0; i < asset_.vertex_count; ++i) row_of[asset_.source_vertex[i]] = i;
-  const double scale = A.trace() / static_cast<double>(A.cols());
-  H_ = RowMatrix::Zero(static_cast<Eigen::Index>(groups.size()), A.cols());
-  held_ = Coefficients::Zero(A.cols(), 3);
-  for (std::size_t g = 0; g < groups.size(); ++g) {
-    const double share = 1 / static_cast<double>(groups[g].size()), weight = kHold * scale * share;
-    Vec3 centre{};
-    for (const std::uint32_t v : groups[g]) {
-      const Eigen::RowVectorXd psi = row(row_of[v]).cast<double>();
-      A.noalias() += weight * psi.transpose() * psi;
-      H_.row(static_cast<Eigen::Index>(g)) += weight * psi;
-      held_ += weight * psi.transpose() * eigen(rest_[row_of[v]]).transpose();
-      centre = centre + share * rest_[row_of[v]];
-    }
-    handles_.push_back(centre + asset_.origin);
-  }
-  A.diagonal().array() += kRest * scale;
-  held_ += kRest * scale * C_;
-}
-
-std::vector<double> ReducedArap::coefficients(std::span<const Vec3> moved) {
-  assert(moved.size() == handles_.size());
-  Coefficients right = held_;
-  for (std::size_t g = 0; g < moved.size(); ++g) {
-    right += H_.row(static_cast<Eigen::Index>(g)).transpose() * eigen(moved[g] - handles_[g]).transpose();
-  }
-  Coefficients turned(G_.rows(), 3);
-  for (int i = 0; i < iterations_; ++i) {
-    const Coefficients S = G_ * C_;
-    for (Eigen::Index k = 0; k < S.rows(); k += 3)
-      turned.middleRows<3>(k) = best_rotation(S.middleRows<3>(k)).transpose();
-    C_ = factor_.solve(right + G_.transpose() * turned);
-  }
-  return {C_.data(), C_.data() + C_.size()};
-}
-
-std::vector<Vec3> ReducedArap::positions(std::span<const Vec3> moved) {
-  const std::vector<double> C = coefficients(moved);
-  std::vector<float> rows(3 * rest_.size());
-  positions_from_coefficients(asset_, C, 3, asset_.rank, asset_.vertex_count, rows);
-  std::vector<Vec3> pose(rest_.size());
-  for (std::size_t v = 0; v < rest_.size(); ++v) {
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      pose[asset_.source_vertex[v]][axis] = static_cast<double>(rows[3 * v + axis]) + asset_.origin[axis];
-  }
-  return pose;
-}
 
 }  // namespace
 

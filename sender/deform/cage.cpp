@@ -8,6 +8,7 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include "common/core/union_find.h"
@@ -156,8 +157,7 @@ void mean_value_coordinates(const Surface& cage, const Vec3& point, std::span<do
       w[face[k]] += (angle[k] - c[a] * angle[b] - c[b] * angle[a]) / (distances[face[k]] * std::sin(angle[a]) * s[b]);
     }
   }
-  double sum = 0;
-  for (const double weight : w) sum += weight;
+  const double sum = std::accumulate(w.begin(), w.end(), 0.0);
   for (double& weight : w) weight /= sum;
 }
 

@@ -14,16 +14,13 @@ std::vector<Vec3> applied(const LinearMap& map, std::span<const double> y) {
   constexpr std::size_t kRowsPerTask = 64;
   assert(y.size() == 3 * map.controls);
   std::vector<Vec3> positions(map.vertices);
-  worker_team().run((map.vertices + kRowsPerTask - 1) / kRowsPerTask, [&](std::size_t task) {
-    const std::size_t end = std::min(map.vertices, (task + 1) * kRowsPerTask);
-    for (std::size_t i = task * kRowsPerTask; i < end; ++i) {
-      const double* row = &map.W[i * map.controls];
-      Vec3 p{};
-      for (std::size_t c = 0; c < map.controls; ++c) {
-        for (std::size_t axis = 0; axis < 3; ++axis) p[axis] += row[c] * y[3 * c + axis];
-      }
-      positions[i] = p;
+  for_each_shared(map.vertices, kRowsPerTask, [&](std::size_t i) {
+    const double* row = &map.W[i * map.controls];
+    Vec3 p{};
+    for (std::size_t c = 0; c < map.controls; ++c) {
+      for (std::size_t axis = 0; axis < 3; ++axis) p[axis] += row[c] * y[3 * c + axis];
     }
+    positions[i] = p;
   });
   return positions;
 }

@@ -82,7 +82,23 @@ class ScriptParser {
     script_.rest_.assign(handles.begin(), handles.end());
     script_.box_ = bounding_box(handles);
   }
-  Result<Script> parse(const json& root);
+  Result<Script> parse(const json& root) {
+    const auto whole = [&] {
+      if (!know(root, {"loop", "moves"})) return false;
+      const json loop = root.value("loop", json(false));
+      if (!loop.is_boolean()) return wrong("\"loop\" must be true or false");
+      script_.loops_ = loop.get<bool>();
+      const json moves = root.value("moves", json());
+      if (!moves.is_array() || moves.empty()) return wrong("\"moves\" must be a list of one or more moves");
+      for (std::size_t i = 0; i < moves.size(); ++i) {
+        where_ = "move " + std::to_string(i);
+        if (!move(moves[i])) return false;
+      }
+      return true;
+    };
+    if (!whole()) return fail(ErrorCode::kCorrupt, "script: " + error_);
+    return std::move(script_);
+  }
 
  private:
   static constexpr double kMaxSeconds = 1e6;
@@ -120,131 +136,109 @@ class ScriptParser {
     out = static_cast<std::size_t>(found - kAxes.begin());
     return true;
   }
-  bool kind(const json& move, Move& out);
-  bool which(const json& move, Move& out);
-  bool keys(const json& move, Move& out);
-  bool values(const json& key, const Move& move, std::vector<double>& out);
-  bool move(const json& move);
+  bool kind(const json& move, Move& out) {
+    static constexpr std::array<std::string_view, 6> kKinds{"twist",     "bend",  "rotate",
+                                                            "translate", "scale", "position"};
+    const json name = move.value("move", json(""));
+    const auto found =
+        name.is_string() ? std::find(kKinds.begin(), kKinds.end(), name.get<std::string>()) : kKinds.end();
+    if (found == kKinds.end()) return wrong("\"move\" must be twist, bend, rotate, translate, scale or position");
+    out.kind = static_cast<Move::Kind>(found - kKinds.begin());
+    const bool turns = out.kind <= Move::Kind::kRotate;
+    if (turns && !axis(move, "axis", out.frame.axis)) return false;
+    if (out.kind == Move::Kind::kBend) {
+      if (!axis(move, "towards", out.frame.towards)) return false;
+      if (out.frame.towards == out.frame.axis) return wrong("\"towards\" must be another axis than \"axis\"");
+    }
+    for (std::size_t c = 0; c < 3; ++c) out.centre[c] = (script_.box_.low[c] + script_.box_.high[c]) / 2;
+    return !move.contains("centre") || point(move["centre"], "centre", out.centre);
+  }
+
+  bool which(const json& move, Move& out) {
+    const std::size_t count = script_.rest_.size();
+    if (!move.contains("handles")) {
+      out.handles.resize(count);
+      std::iota(out.handles.begin(), out.handles.end(), 0u);
+      return true;
+    }
+    const json& chosen = move["handles"];
+    if (chosen.is_array()) {
+      for (const json& index : chosen) {
+        if (!index.is_number_unsigned() || index.get<std::uint64_t>() >= count)
+          return wrong("\"handles\" must be numbers below " + std::to_string(count));
+        out.handles.push_back(index.get<std::uint32_t>());
+      }
+    } else {
+      Vec3 low, high;
+      if (!know(chosen, {"low", "high"}) || !point(chosen.value("low", json()), "low", low) ||
+          !point(chosen.value("high", json()), "high", high))
+        return false;
+      for (std::uint32_t i = 0; i < count; ++i) {
+        const Vec3& p = script_.rest_[i];
+        if (low[0] <= p[0] && p[0] <= high[0] && low[1] <= p[1] && p[1] <= high[1] && low[2] <= p[2] && p[2] <= high[2])
+          out.handles.push_back(i);
+      }
+    }
+    return !out.handles.empty() || wrong("\"handles\" chooses none");
+  }
+
+  bool keys(const json& move, Move& out) {
+    const json all = move.value("keys", json());
+    if (!all.is_array() || all.empty() || all.size() > kMaxKeys)
+      return wrong("\"keys\" must be a list of 1 to " + std::to_string(kMaxKeys) + " keys");
+    const std::string outer = where_;
+    Track& track = out.track;
+    track.width = out.kind <= Move::Kind::kRotate ? 1 : out.kind == Move::Kind::kPosition ? 3 * out.handles.size() : 3;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      where_ = outer + ", key " + std::to_string(i);
+      double at = 0;
+      if (!values(all[i], out, track.values) || !number(all[i].value("at", json()), "at", at)) return false;
+      if (at < 0 || at > kMaxSeconds || (i > 0 && at <= track.times.back()))
+        return wrong("\"at\" must be seconds from 0 on, growing from key to key");
+      track.times.push_back(at);
+    }
+    where_ = outer;
+    return true;
+  }
+
+  bool values(const json& key, const Move& move, std::vector<double>& out) {
+    if (move.kind <= Move::Kind::kRotate) {
+      double degrees = 0;
+      if (!know(key, {"at", "degrees"}) || !number(key.value("degrees", json()), "degrees", degrees)) return false;
+      out.push_back(degrees * std::numbers::pi / 180);
+      return true;
+    }
+    if (move.kind != Move::Kind::kPosition) {
+      Vec3 by;
+      if (!know(key, {"at", "by"}) || !point(key.value("by", json()), "by", by)) return false;
+      out.insert(out.end(), by.begin(), by.end());
+      return true;
+    }
+    const json positions = key.value("positions", json());
+    if (!know(key, {"at", "positions"})) return false;
+    if (!positions.is_array() || positions.size() != move.handles.size())
+      return wrong("\"positions\" must be " + std::to_string(move.handles.size()) + " points");
+    for (const json& position : positions) {
+      Vec3 p;
+      if (!point(position, "positions", p)) return false;
+      out.insert(out.end(), p.begin(), p.end());
+    }
+    return true;
+  }
+
+  bool move(const json& move) {
+    Move made;
+    if (!know(move, {"move", "axis", "towards", "centre", "handles", "keys"}) || !kind(move, made) ||
+        !which(move, made) || !keys(move, made))
+      return false;
+    script_.duration_s_ = std::max(script_.duration_s_, made.track.times.back());
+    script_.moves_.push_back(std::move(made));
+    return true;
+  }
 
   Script script_;
   std::string where_, error_;
 };
-
-bool ScriptParser::kind(const json& move, Move& out) {
-  static constexpr std::array<std::string_view, 6> kKinds{"twist", "bend", "rotate", "translate", "scale", "position"};
-  const json name = move.value("move", json(""));
-  const auto found = name.is_string() ? std::find(kKinds.begin(), kKinds.end(), name.get<std::string>()) : kKinds.end();
-  if (found == kKinds.end()) return wrong("\"move\" must be twist, bend, rotate, translate, scale or position");
-  out.kind = static_cast<Move::Kind>(found - kKinds.begin());
-  const bool turns = out.kind <= Move::Kind::kRotate;
-  if (turns && !axis(move, "axis", out.frame.axis)) return false;
-  if (out.kind == Move::Kind::kBend) {
-    if (!axis(move, "towards", out.frame.towards)) return false;
-    if (out.frame.towards == out.frame.axis) return wrong("\"towards\" must be another axis than \"axis\"");
-  }
-  for (std::size_t c = 0; c < 3; ++c) out.centre[c] = (script_.box_.low[c] + script_.box_.high[c]) / 2;
-  return !move.contains("centre") || point(move["centre"], "centre", out.centre);
-}
-
-bool ScriptParser::which(const json& move, Move& out) {
-  const std::size_t count = script_.rest_.size();
-  if (!move.contains("handles")) {
-    out.handles.resize(count);
-    std::iota(out.handles.begin(), out.handles.end(), 0u);
-    return true;
-  }
-  const json& chosen = move["handles"];
-  if (chosen.is_array()) {
-    for (const json& index : chosen) {
-      if (!index.is_number_unsigned() || index.get<std::uint64_t>() >= count)
-        return wrong("\"handles\" must be numbers below " + std::to_string(count));
-      out.handles.push_back(index.get<std::uint32_t>());
-    }
-  } else {
-    Vec3 low, high;
-    if (!know(chosen, {"low", "high"}) || !point(chosen.value("low", json()), "low", low) ||
-        !point(chosen.value("high", json()), "high", high))
-      return false;
-    for (std::uint32_t i = 0; i < count; ++i) {
-      const Vec3& p = script_.rest_[i];
-      if (low[0] <= p[0] && p[0] <= high[0] && low[1] <= p[1] && p[1] <= high[1] && low[2] <= p[2] && p[2] <= high[2])
-        out.handles.push_back(i);
-    }
-  }
-  return !out.handles.empty() || wrong("\"handles\" chooses none");
-}
-
-bool ScriptParser::values(const json& key, const Move& move, std::vector<double>& out) {
-  if (move.kind <= Move::Kind::kRotate) {
-    double degrees = 0;
-    if (!know(key, {"at", "degrees"}) || !number(key.value("degrees", json()), "degrees", degrees)) return false;
-    out.push_back(degrees * std::numbers::pi / 180);
-    return true;
-  }
-  if (move.kind != Move::Kind::kPosition) {
-    Vec3 by;
-    if (!know(key, {"at", "by"}) || !point(key.value("by", json()), "by", by)) return false;
-    out.insert(out.end(), by.begin(), by.end());
-    return true;
-  }
-  const json positions = key.value("positions", json());
-  if (!know(key, {"at", "positions"})) return false;
-  if (!positions.is_array() || positions.size() != move.handles.size())
-    return wrong("\"positions\" must be " + std::to_string(move.handles.size()) + " points");
-  for (const json& position : positions) {
-    Vec3 p;
-    if (!point(position, "positions", p)) return false;
-    out.insert(out.end(), p.begin(), p.end());
-  }
-  return true;
-}
-
-bool ScriptParser::keys(const json& move, Move& out) {
-  const json all = move.value("keys", json());
-  if (!all.is_array() || all.empty() || all.size() > kMaxKeys)
-    return wrong("\"keys\" must be a list of 1 to " + std::to_string(kMaxKeys) + " keys");
-  const std::string outer = where_;
-  Track& track = out.track;
-  track.width = out.kind <= Move::Kind::kRotate ? 1 : out.kind == Move::Kind::kPosition ? 3 * out.handles.size() : 3;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    where_ = outer + ", key " + std::to_string(i);
-    double at = 0;
-    if (!values(all[i], out, track.values) || !number(all[i].value("at", json()), "at", at)) return false;
-    if (at < 0 || at > kMaxSeconds || (i > 0 && at <= track.times.back()))
-      return wrong("\"at\" must be seconds from 0 on, growing from key to key");
-    track.times.push_back(at);
-  }
-  where_ = outer;
-  return true;
-}
-
-bool ScriptParser::move(const json& move) {
-  Move made;
-  if (!know(move, {"move", "axis", "towards", "centre", "handles", "keys"}) || !kind(move, made) ||
-      !which(move, made) || !keys(move, made))
-    return false;
-  script_.duration_s_ = std::max(script_.duration_s_, made.track.times.back());
-  script_.moves_.push_back(std::move(made));
-  return true;
-}
-
-Result<Script> ScriptParser::parse(const json& root) {
-  const auto whole = [&] {
-    if (!know(root, {"loop", "moves"})) return false;
-    const json loop = root.value("loop", json(false));
-    if (!loop.is_boolean()) return wrong("\"loop\" must be true or false");
-    script_.loops_ = loop.get<bool>();
-    const json moves = root.value("moves", json());
-    if (!moves.is_array() || moves.empty()) return wrong("\"moves\" must be a list of one or more moves");
-    for (std::size_t i = 0; i < moves.size(); ++i) {
-      where_ = "move " + std::to_string(i);
-      if (!move(moves[i])) return false;
-    }
-    return true;
-  };
-  if (!whole()) return fail(ErrorCode::kCorrupt, "script: " + error_);
-  return std::move(script_);
-}
 
 Result<Script> Script::from_json(std::string_view text, std::span<const Vec3> handles) {
   const json root = json::parse(text, nullptr, false);

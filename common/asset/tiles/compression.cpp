@@ -23,15 +23,11 @@ constexpr Parameter kParameters[] = {{ZSTD_c_compressionLevel, 12},
                                      {ZSTD_c_windowLog, 17},
                                      {ZSTD_c_minMatch, 3}};
 
-struct FreeContext {
-  void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
-};
-
 }  // namespace
 
 Result<Bytes> zstd_compress(ByteView raw) {
   Bytes packed(ZSTD_compressBound(raw.size()));
-  const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
+  const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
   if (!context) return fail(ErrorCode::kTooLarge, "no memory left to compress in");
   std::size_t size = 0;
   for (const Parameter& parameter : kParameters) {

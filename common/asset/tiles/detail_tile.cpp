@@ -46,16 +46,13 @@ std::size_t predicting_row(std::size_t row, std::uint32_t parent) {
 void put_columns(const std::vector<std::int16_t>& entries, std::size_t rank, std::size_t first_row,
                  std::span<const std::uint32_t> map, const Planes& planes) {
   const std::size_t rows = map.size();
-  worker_team().run((rows + kRowsAtOnce - 1) / kRowsAtOnce, [&](std::size_t task) {
-    const std::size_t end = std::min(rows, (task + 1) * kRowsAtOnce);
-    for (std::size_t k = task * kRowsAtOnce; k < end; ++k) {
-      const std::size_t row = first_row + k;
-      const std::int16_t* own = &entries[row * rank];
-      const std::int16_t* known = row == 0 ? nullptr : &entries[predicting_row(row, map[k]) * rank];
-      for (std::size_t c = 0; c < rank; ++c) {
-        const int difference = own[c] - (known != nullptr ? known[c] : 0);
-        planes.put(c * rows + k, zigzag16(static_cast<std::uint16_t>(difference)));
-      }
+  for_each_shared(rows, kRowsAtOnce, [&](std::size_t k) {
+    const std::size_t row = first_row + k;
+    const std::int16_t* own = &entries[row * rank];
+    const std::int16_t* known = row == 0 ? nullptr : &entries[predicting_row(row, map[k]) * rank];
+    for (std::size_t c = 0; c < rank; ++c) {
+      const int difference = own[c] - (known != nullptr ? known[c] : 0);
+      planes.put(c * rows + k, zigzag16(static_cast<std::uint16_t>(difference)));
     }
   });
 }
@@ -66,13 +63,12 @@ bool get_columns(const ConstPlanes& planes, std::span<const float> steps, std::s
   const std::size_t rank = steps.size(), rows = map.size(), first_row = entries.size() / rank - rows;
   constexpr std::size_t kColumns = 16;  // a cache line of a row holds twice as many
   std::atomic<bool> sound = true;
-  worker_team().run((rank + kColumns - 1) / kColumns, [&](std::size_t task) {
-    const std::size_t end = std::min(rank, (task + 1) * kColumns);
+  for_shares(rank, kColumns, [&](std::size_t first, std::size_t end) {
     for (std::size_t k = 0; k < rows; ++k) {
       const std::size_t row = first_row + k;
       std::int16_t* own = &entries[row * rank];
       const std::int16_t* known = row == 0 ? nullptr : &entries[predicting_row(row, map[k]) * rank];
-      for (std::size_t c = task * kColumns; c < end; ++c) {
+      for (std::size_t c = first; c < end; ++c) {
         const std::uint16_t residual = unzigzag16(planes.get(c * rows + k));
         own[c] = static_cast<std::int16_t>((known != nullptr ? known[c] : 0) + residual);
         if (own[c] == -32768 || (steps[c] == 0 && own[c] != 0)) sound = false;
@@ -112,17 +108,14 @@ Asset::Detail detail_on_basis(const Asset& asset, std::span<const float> basis) 
     }
     return sum;
   };
-  worker_team().run((asset.vertex_count + kRowsAtOnce - 1) / kRowsAtOnce, [&](std::size_t task) {
-    const std::size_t end = std::min<std::size_t>(asset.vertex_count, (task + 1) * kRowsAtOnce);
-    for (std::size_t i = task * kRowsAtOnce; i < end; ++i) {
-      const auto derivative = [&](const std::vector<std::int16_t>& along) {
-        return at_rest([&](std::size_t k) { return static_cast<double>(along[i * r + k]) * double{detail.steps[k]}; });
-      };
-      const auto frame = frame_from_derivatives(derivative(detail.along_x), derivative(detail.along_y));
-      const Vector moved = frame.to_frame(
-          at_rest([&](std::size_t k) { return double{asset.basis[i * r + k]} - double{basis[i * r + k]}; }));
-      for (std::size_t d = detail.axes == 1 ? 2 : 0; d < 3; ++d) detail.offset[i][d] += static_cast<float>(moved[d]);
-    }
+  for_each_shared(asset.vertex_count, kRowsAtOnce, [&](std::size_t i) {
+    const auto derivative = [&](const std::vector<std::int16_t>& along) {
+      return at_rest([&](std::size_t k) { return static_cast<double>(along[i * r + k]) * double{detail.steps[k]}; });
+    };
+    const auto frame = frame_from_derivatives(derivative(detail.along_x), derivative(detail.along_y));
+    const Vector moved = frame.to_frame(
+        at_rest([&](std::size_t k) { return double{asset.basis[i * r + k]} - double{basis[i * r + k]}; }));
+    for (std::size_t d = detail.axes == 1 ? 2 : 0; d < 3; ++d) detail.offset[i][d] += static_cast<float>(moved[d]);
   });
   return detail;
 }

@@ -2,7 +2,6 @@
 #include "common/surface/checks/vertex_order.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 

@@ -251,9 +251,8 @@ Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::
   const std::size_t element_bytes = component_bytes * array.width;
   Span from;
   if (accessor.bufferView >= 0) {
-    const auto there = span(accessor.bufferView, accessor.byteOffset, array.count, element_bytes);
-    if (!there) return in_context(name, there.error());
-    from = *there;
+    const auto good = store(from, span(accessor.bufferView, accessor.byteOffset, array.count, element_bytes));
+    if (!good) return in_context(name, good.error());
   }
   values_left_ -= array.count * array.width;
   array.values.resize(array.count * array.width);

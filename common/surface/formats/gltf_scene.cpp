@@ -168,9 +168,7 @@ class Builder {
       return vectors;
     };
     part.positions = to_vectors(*positions);
-    auto influences = influences_of(primitive, node, n);
-    if (!influences) return influences.error();
-    part.influences = std::move(*influences);
+    if (const auto good = store(part.influences, influences_of(primitive, node, n)); !good) return good;
     for (std::size_t k = 0; k < scene_.nodes[node].target_count; ++k) {
       if (n > offsets_left_) return fail(ErrorCode::kTooLarge, "too many morph targets");
       offsets_left_ -= n;
@@ -189,9 +187,7 @@ class Builder {
     }
     std::vector<Face> faces;
     if (has_faces) {
-      auto read = faces_of(primitive, n);
-      if (!read) return read.error();
-      faces = std::move(*read);
+      if (const auto good = store(faces, faces_of(primitive, n)); !good) return good;
       if (const auto added = add_corners(primitive, faces, n); !added) return added;
     }
     const auto base = static_cast<std::uint32_t>(parts_.vertices());
@@ -280,9 +276,7 @@ class Builder {
   Result<std::vector<Face>> faces_of(const tinygltf::Primitive& primitive, std::size_t vertices) {
     std::vector<std::uint32_t> indices;
     if (primitive.indices >= 0) {
-      auto stated = numbers_.read_indices(primitive.indices);
-      if (!stated) return stated.error();
-      indices = std::move(*stated);
+      if (const auto good = store(indices, numbers_.read_indices(primitive.indices)); !good) return good.error();
       for (const std::uint32_t index : indices) {
         if (index >= vertices)
           return corrupt_gltf("a face refers to vertex " + std::to_string(index) + " of " + std::to_string(vertices));
@@ -350,9 +344,8 @@ class Builder {
     for (const tinygltf::Image& image : model_.images) {
       Appearance::Image mine{image.name.empty() ? image.uri : image.name, image.mimeType, image.image};
       if (image.bufferView >= 0) {
-        auto bytes = numbers_.bytes_of_view(image.bufferView);
-        if (!bytes) return in_context("image", bytes.error());
-        mine.bytes = std::move(*bytes);
+        const auto good = store(mine.bytes, numbers_.bytes_of_view(image.bufferView));
+        if (!good) return in_context("image", good.error());
       }
       if (mine.bytes.empty())
         scene_.notes.push_back("image \"" + mine.name + "\" is not below the file's folder: left out");

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <optional>
 #include <string_view>
@@ -112,10 +111,8 @@ Result<NpyFile::Type> NpyFile::type_from_descr(std::string_view descr) {
 }
 
 Result<NpyFile> NpyFile::open(const std::string& path) {
-  auto opened = BinaryFile::open(path);
-  if (!opened) return opened.error();
   NpyFile file;
-  file.file_ = std::move(*opened);
+  if (const auto good = store(file.file_, BinaryFile::open(path)); !good) return good.error();
   const auto corrupt = [&path](const std::string& what) { return fail(ErrorCode::kCorrupt, path + ": " + what); };
 
   std::string start(static_cast<std::size_t>(std::min<std::uint64_t>(12, file.file_->bytes())), '\0');
@@ -140,9 +137,7 @@ Result<NpyFile> NpyFile::open(const std::string& path) {
   if (!descr || !order || !shape_text) return corrupt("the header lacks descr, fortran_order or shape");
   file.fortran_ = order->substr(0, 4) == "True";
   if (!file.fortran_ && order->substr(0, 5) != "False") return corrupt("fortran_order is neither True nor False");
-  const auto type = type_from_descr(*descr);
-  if (!type) return in_context(path, type.error());
-  file.type_ = *type;
+  if (const auto good = store(file.type_, type_from_descr(*descr)); !good) return in_context(path, good.error());
   const auto shape = shape_from_text(*shape_text);
   if (!shape || shape->empty()) return corrupt("the shape in its header cannot be read");
   if (shape->size() < 2 || shape->size() > 3) {

@@ -60,13 +60,8 @@ class OffParser {
       if (!line) return corrupt_at(lines_.number(), "the file ends before the counts of vertices and faces");
       rest = *line;
     }
-    const auto vertices = take_count(rest, "vertices");
-    if (!vertices) return vertices.error();
-    const auto faces = take_count(rest, "faces");
-    if (!faces) return faces.error();
-    vertices_ = *vertices;
-    faces_ = *faces;
-    return {};
+    if (const auto good = store(vertices_, take_count(rest, "vertices")); !good) return good;
+    return store(faces_, take_count(rest, "faces"));
   }
 
   // Nothing is allocated for more than the file can hold: a vertex or face takes at least five bytes, "0 0 0".

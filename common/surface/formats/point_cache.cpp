@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string_view>
-#include <utility>
 
 #include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <numbers>
 #include <string>
-#include <utility>
 
 #include "common/surface/shapes/shapes.h"
 
