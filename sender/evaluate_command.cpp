@@ -67,9 +67,7 @@ std::string notes_on(const EvaluatedRow& row) {
   if (e.still.moves > 0) still += formatted(" and goes on to move by %.1e of the diagonal (rms)", e.still.moves);
   return formatted(
       "%s, r = %u, detail %s, error %.2e: basis alone KG %.3f %%, rms %.2e; quantising adds %.2e (area-weighted rms); "
-      "%s; join "
-      "frame "
-      "%llu bytes; encode %.1f us, decode %.1f us (median)\n",
+      "%s; join frame %llu bytes; encode %.1f us, decode %.1f us (median)\n",
       row.basis.c_str(), row.rank, row.detail.c_str(), row.eps / row.diagonal, e.truncation.kg_percent,
       e.truncation.rms, e.quantising_rms / row.diagonal, still.c_str(), static_cast<unsigned long long>(e.join_bytes),
       static_cast<double>(e.encode_ns.percentile(50)) * 1e-3, static_cast<double>(e.decode_ns.percentile(50)) * 1e-3);
@@ -124,14 +122,12 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
 std::string table_of(const EvaluatedClip& clip) {
   const std::size_t frames = clip.rows.empty() ? 0 : clip.rows.front().evaluation.total.poses;
   std::string text = formatted(
-      "%s, %zu frames, %s, %g poses/s; errors over the rest box's diagonal; kbit/s with envelope and "
-      "WebSocket "
+      "%s, %zu frames, %s, %g poses/s; errors over the rest box's diagonal; kbit/s with envelope and WebSocket "
       "header\n",
       clip.input.c_str(), frames, clip.codec.c_str(), clip.rate_hz);
   text +=
       "basis                r    error   lod vertices    KG %      rms     mean      max Hausdorff     STED   kbit/s   "
-      "  "
-      "MB\n";
+      "  MB\n";
   for (const EvaluatedRow& row : clip.rows) {
     for (const LevelError& level : row.evaluation.levels) text += table_line(row, level, clip.rate_hz);
   }

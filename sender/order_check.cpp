@@ -15,8 +15,7 @@ Error other_order(const std::string& where) {
   return fail(ErrorCode::kInvalidArgument,
               where +
                   ": the mesh's faces join vertices that are not neighbours there; mesh and poses are of different "
-                  "files, or of "
-                  "different orders of vertices: export them together, with the order of vertices kept");
+                  "files, or of different orders of vertices: export them together, with the order of vertices kept");
 }
 
 }  // namespace

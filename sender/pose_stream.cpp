@@ -29,10 +29,6 @@ PoseStream::PoseStream(std::size_t vertices) : vertices_(vertices), positions_(3
   buffer_.resize(std::max(pose_bytes() + sizeof(double), kHeaderBytes));
 }
 
-std::size_t PoseStream::pose_bytes() const {
-  return (timed_ ? sizeof(double) : 0) + positions_.size() * sizeof(float);
-}
-
 std::span<char> PoseStream::room() {
   if (done_) filled_ = 0;
   done_ = false;

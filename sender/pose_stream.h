@@ -36,7 +36,7 @@ class PoseStream {
 
  private:
   enum class Phase { kStart, kHeader, kPose };
-  std::size_t pose_bytes() const;
+  std::size_t pose_bytes() const { return (timed_ ? sizeof(double) : 0) + positions_.size() * sizeof(float); }
 
   std::size_t vertices_;
   Phase phase_ = Phase::kStart;

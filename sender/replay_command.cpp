@@ -191,8 +191,7 @@ class Replayer {
     format.velocity_us =
         static_cast<std::uint32_t>(std::clamp(std::round(velocity_us), 1.0, double{limits::kMaxVelocityUs}));
     auto made = Publisher::create_for_keys(options, format, std::move(encoded), to_log());
-    if (!made) return made.error();
-    publisher_ = std::move(*made);
+    if (const auto good = store(publisher_, std::move(made)); !good) return good.error();
     while (!wait_until_live(*publisher_, steady_now_us() + kPollUs, interrupt)) {
       if (interrupt.requested()) return false;
       if (const auto ours = check_ownership(*publisher_); !ours) return ours.error();

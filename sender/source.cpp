@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/source.h"
 
-#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 
@@ -19,12 +18,6 @@ namespace {
 
 constexpr double kMemoryWorthSaying = 1e9;  // bytes
 
-bool is_builtin(const std::string& input) {
-  const std::vector<std::string> names = builtin_names();
-  std::error_code ignored;
-  return std::find(names.begin(), names.end(), input) != names.end() && !std::filesystem::exists(input, ignored);
-}
-
 /// Omits the path, which viewers should not learn.
 std::string public_name(const std::string& clip_name) {
   const std::filesystem::path path(clip_name);
@@ -39,16 +32,6 @@ int rank_of(const SourceOptions& options) {
   if (options.rank > 0) return options.rank;
   if (options.basis == BasisKind::kPca) return 50;
   return is_of_columns(options.basis) ? static_cast<int>(limits::kMaxRows) : 200;
-}
-
-double asset_error_of(const SourceOptions& options) {
-  return options.asset_error.value_or(is_of_columns(options.basis) ? 0 : 1e-4);
-}
-
-Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
-  auto columns = columns_from_rig(*clip.rig());
-  if (!columns) return columns.error();
-  return motion_of(clip, std::move(*columns));
 }
 
 /// Refuses before the bake what the check of all poses would refuse after it.
@@ -94,8 +77,7 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
   // Neither a path, nor a glob, nor a file's name: a built-in shape is meant, and its error lists those that there are.
   std::error_code ignored;
   const bool is_word = options.input.find_first_of("/*?[.") == std::string::npos;
-  if (is_builtin(options.input) || (is_word && !std::filesystem::exists(options.input, ignored)))
-    return builtin_clip(options.input);
+  if (is_word && !std::filesystem::exists(options.input, ignored)) return builtin_clip(options.input);
   return open_clip(options.input, {options.rest, options.faces, options.animation, options.sample_rate_hz});
 }
 
@@ -125,7 +107,9 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
     return in_context(options.input, accepted.error());
   KnownMotion motion;
   if (options.basis == BasisKind::kRig) {
-    if (const auto good = store(motion, motion_of_rig(*clip)); !good) return in_context(options.input, good.error());
+    auto columns = columns_from_rig(*clip->rig());
+    if (!columns) return in_context(options.input, columns.error());
+    motion = motion_of(*clip, std::move(*columns));
   } else if (options.basis == BasisKind::kCage && opened.cage != nullptr) {
     motion = motion_of_cage(*opened.cage);
   } else if (options.basis == BasisKind::kCage) {
@@ -138,10 +122,13 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   } else {
     motion = motion_of(*clip);
   }
-  BakeOptions bake_options{
-      options.basis,           rank_of(options), options.name.empty() ? public_name(clip->name()) : options.name,
-      asset_error_of(options), &motion,          clip->appearance(),
-      options.points_operator};
+  BakeOptions bake_options{options.basis,
+                           rank_of(options),
+                           options.name.empty() ? public_name(clip->name()) : options.name,
+                           options.asset_error.value_or(is_of_columns(options.basis) ? 0 : 1e-4),
+                           &motion,
+                           clip->appearance(),
+                           options.points_operator};
   bake_options.delaunay = options.delaunay;
   bake_options.solver = options.solver;
   if (!options.detail.empty()) {

@@ -5,15 +5,7 @@
 #include <cassert>
 #include <utility>
 
-#include "common/core/text.h"
-#include "common/surface/vector.h"
-
 namespace eigencast::studio {
-
-std::string_view name_of(Tool tool) {
-  constexpr EnumNames<Tool, 5> kNames{{"move", "rotate", "scale", "twist", "bend"}};
-  return kNames[tool];
-}
 
 Editor::Editor(std::vector<Vec3> rest) : rest_(std::move(rest)), handles_(rest_), chosen_(rest_.size(), 0) {}
 
@@ -50,26 +42,6 @@ void Editor::transform(const std::function<Vec3(const Vec3&)>& by) {
   assert(under_way_);
   const bool all = chosen_count() == 0;
   for (std::size_t i = 0; i < handles_.size(); ++i) handles_[i] = all || is_chosen(i) ? by(before_[i]) : before_[i];
-}
-
-void Editor::move(const Vec3& by) {
-  transform([&](const Vec3& p) { return p + by; });
-}
-
-void Editor::rotate(std::size_t axis, double angle) {
-  transform([&, c = centre()](const Vec3& p) { return deform::turned(p, c, axis, angle); });
-}
-
-void Editor::scale(const Vec3& by) {
-  transform([&, c = centre()](const Vec3& p) { return deform::scaled(p, c, by); });
-}
-
-void Editor::twist(std::size_t axis, double angle) {
-  transform([&, b = box()](const Vec3& p) { return deform::twisted(p, b, {axis, (axis + 1) % 3}, angle); });
-}
-
-void Editor::bend(const deform::Frame& frame, double angle) {
-  transform([&, b = box()](const Vec3& p) { return deform::bent(p, b, frame, angle); });
 }
 
 void Editor::finish() {

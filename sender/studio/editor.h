@@ -4,17 +4,18 @@
 #include <cstdint>
 #include <functional>
 #include <span>
-#include <string_view>
 #include <vector>
 
+#include "common/core/text.h"
 #include "common/surface/surface.h"
+#include "common/surface/vector.h"
 #include "sender/deform/moves.h"
 
 namespace eigencast::studio {
 
 /// What dragging does to the chosen handles.
 enum class Tool { kMove, kRotate, kScale, kTwist, kBend };
-std::string_view name_of(Tool tool);
+inline constexpr EnumNames<Tool, 5> kToolNames{{"move", "rotate", "scale", "twist", "bend"}};
 
 /// Without a choice edits apply to all. From begin() to finish() or cancel() each edit starts from the positions at
 /// begin(), and all of them are one step of undo. Pure state. Not thread-safe.
@@ -39,11 +40,21 @@ class Editor {
   void begin();
   bool is_under_way() const { return under_way_; }
   // Each REQUIRES: is_under_way(). Angles in radians about the axis through centre(); twist and bend act over box().
-  void move(const Vec3& by);
-  void rotate(std::size_t axis, double angle);
-  void scale(const Vec3& by);
-  void twist(std::size_t axis, double angle);
-  void bend(const deform::Frame& frame, double angle);
+  void move(const Vec3& by) {
+    transform([&](const Vec3& p) { return p + by; });
+  }
+  void rotate(std::size_t axis, double angle) {
+    transform([&, c = centre()](const Vec3& p) { return deform::turned(p, c, axis, angle); });
+  }
+  void scale(const Vec3& by) {
+    transform([&, c = centre()](const Vec3& p) { return deform::scaled(p, c, by); });
+  }
+  void twist(std::size_t axis, double angle) {
+    transform([&, b = box()](const Vec3& p) { return deform::twisted(p, b, {axis, (axis + 1) % 3}, angle); });
+  }
+  void bend(const deform::Frame& frame, double angle) {
+    transform([&, b = box()](const Vec3& p) { return deform::bent(p, b, frame, angle); });
+  }
   void finish();
   void cancel();
 

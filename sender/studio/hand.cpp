@@ -146,8 +146,7 @@ Gizmo gizmo_at(const Camera& camera, const Vec3& centre) {
 std::optional<std::size_t> knob_at(const Camera& camera, const Gizmo& gizmo, const glm::vec2& mouse) {
   const std::array<Vec3, 3> knobs{gizmo.knob(0), gizmo.knob(1), gizmo.knob(2)};
   const auto knob = handle_at(camera, knobs, mouse);
-  if (!knob) return std::nullopt;
-  return *knob;
+  return knob ? std::optional<std::size_t>(*knob) : std::nullopt;
 }
 
 void drag_knob(Editor& editor, Tool tool, const Camera& camera, const Gizmo& gizmo, std::size_t axis,
@@ -207,8 +206,7 @@ std::optional<Command> command_for_key(std::string_view key, const Modifiers& mo
   if (key == "Z" && modifiers.control && modifiers.shift) return Command::kRedo;
   const auto binding = std::find_if(kBindings.begin(), kBindings.end(),
                                     [&](const Binding& b) { return b.key == key && b.control == modifiers.control; });
-  if (binding == kBindings.end()) return std::nullopt;
-  return binding->command;
+  return binding == kBindings.end() ? std::nullopt : std::optional(binding->command);
 }
 
 void Hand::press(MouseButton button, const glm::vec2& mouse, const Modifiers& modifiers) {

@@ -2,7 +2,6 @@
 #include "sender/studio/studio.h"
 
 #include <algorithm>
-#include <cstdio>
 
 #include "common/net/url.h"
 #include "common/surface/vector.h"
@@ -19,7 +18,7 @@ std::vector<HelpLine> help_of(Tool tool) {
           {"Shift+left drag", "choose by a rectangle", ""},
           {"Shift+click", "choose one more, or one less", ""},
           {"middle, right drag; wheel", "move the view; zoom", ""},
-          {"M R S T B", "move, rotate, scale, twist, bend", std::string(name_of(tool))},
+          {"M R S T B", "move, rotate, scale, twist, bend", std::string(kToolNames[tool])},
           {"A  Esc", "choose all; none, or give a drag up", ""},
           {"Ctrl+Z  Ctrl+Y", "undo, redo", ""},
           {"Delete", "back to rest", ""},
@@ -50,8 +49,57 @@ class Studio final : public WindowListener {
         local_(asset, deformer.linear_map()),
         pace_(static_cast<TimeUs>(1e6 / options.rate_hz), kHeartbeatUs) {}
 
-  Result<void> open(const LogSink& log);
-  Result<void> run(const std::function<bool()>& stop);
+  Result<void> open(const LogSink& log) {
+    Painter::Options painting;
+    for (const SubscriberOptions& wanted : options_.watch) {
+      Result<std::unique_ptr<PoseSource>> source = subscribe_to(wanted, log);
+      if (!source) return source.error();
+      painting.others.push_back(std::move(*source));
+      painting.names.push_back(parse_broker_url(wanted.url)->stream);
+    }
+    const Result<void> opened = window_.open(options_.width, options_.height, options_.title);
+    if (!opened) return opened;
+    painting.window = &window_;
+    painting.scale = window_.content_scale();
+    painting.log = log;
+    if (asset_.up_axis == Asset::UpAxis::kX) camera_.set_up(Camera::Up::kX);
+    if (asset_.up_axis == Asset::UpAxis::kZ) camera_.set_up(Camera::Up::kZ);
+    on_resize(window_.size_px().x, window_.size_px().y);
+    frame(camera_, glm_from(asset_.box_low), glm_from(asset_.box_high), editor_.rest());
+    painting.low = camera_.scene_low();
+    painting.high = camera_.scene_high();
+    if (!camera_.set_view(options_.view))
+      return fail(ErrorCode::kInvalidArgument, "no view is called " + options_.view);
+    if (const Result<void> posed = make_pose(); !posed) return posed;
+    make_surface();
+    if (const auto started = store(painter_, Painter::start(std::move(painting))); !started) return started;
+    window_.listen(*this);
+    return {};
+  }
+
+  Result<void> run(const std::function<bool()>& stop) {
+    const TimeUs end_us =
+        options_.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(options_.duration_s * 1e6) : 0;
+    while (!quit_ && !window_.close_wanted() && !stop()) {
+      const TimeUs now_us = steady_now_us();
+      if (end_us > 0 && now_us >= end_us) break;
+      const TimeUs wait_us = std::clamp<TimeUs>(pace_.due_us(now_us) - now_us, 0, kMaxWaitUs);
+      window_.poll_events(static_cast<double>(wait_us) * 1e-6);
+      if (const Result<void> posed = make_pose(); !posed) return posed;
+      send_if_due();
+      make_surface();
+      if (const auto box = painter_->take_box()) {
+        frame(camera_, box->first, box->second, editor_.rest());
+        redraw_ = true;
+      }
+      if (!redraw_ && steady_now_us() - shown_us_ < kFiguresEveryUs) continue;
+      show();
+      redraw_ = false;
+      shown_us_ = steady_now_us();
+    }
+    return {};
+  }
+
   Report report() const {
     Report all = report_;
     all.painting = painter_->report();
@@ -87,13 +135,99 @@ class Studio final : public WindowListener {
     on_input();
     hand_.release(button);
   }
-  void on_command(Command command);
+  void on_command(Command command) {
+    if (hand_.command(command)) return;
+    if (command == Command::kQuit) {
+      quit_ = true;
+      return;
+    }
+    bool& toggled = command == Command::kShow      ? received_
+                    : command == Command::kCage    ? cage_
+                    : command == Command::kEdges   ? edges_
+                    : command == Command::kFigures ? figures_
+                                                   : help_;
+    toggled = !toggled;
+  }
+
   void on_input() { input_us_ = steady_now_us(); }
-  Result<void> make_pose();
-  void send_if_due();
-  void make_surface();
-  void show();
-  std::vector<std::string> figures() const;
+  Result<void> make_pose() {
+    const std::span<const Vec3> handles = editor_.handles();
+    if (std::equal(handles.begin(), handles.end(), posed_.begin(), posed_.end())) {
+      input_us_.reset();
+      return {};
+    }
+    posed_.assign(handles.begin(), handles.end());
+    if (const auto good = store(C_, projected_.coefficients(shifted(posed_, asset_.origin))); !good) return good;
+    y_ = deformer_.controls(posed_);
+    ++pose_;
+    redraw_ = true;
+    pose_input_us_ = std::exchange(input_us_, std::nullopt);
+    pace_.changed();
+    if (!pose_input_us_) return {};
+    if (unsent_) ++report_.held_back;
+    unsent_ = true;
+    ++report_.poses;
+    report_.input_to_coefficients_us.add(steady_now_us() - *pose_input_us_);
+    return {};
+  }
+
+  void send_if_due() {
+    const TimeUs now_us = steady_now_us(), due_us = pace_.due_us(now_us);
+    if (due_us > now_us) return;
+    const bool by_hand = std::exchange(unsent_, false), at_once = by_hand && due_us <= *pose_input_us_;
+    // Capture time is that of the input, or, of a pose that the pace delayed, the time of sending.
+    (void)publisher_.send_coefficients(C_, at_once ? *pose_input_us_ : now_us);  // The publisher counts what it drops.
+    pace_.sent(now_us);
+    if (at_once)
+      report_.input_to_sent_us.add(steady_now_us() - *pose_input_us_);
+    else if (by_hand)
+      ++report_.held_back;
+  }
+
+  /// After sending, because the others wait longer for the pose.
+  void make_surface() {
+    if (surface_ && surface_pose_ == pose_ && surface_received_ == received_) return;
+    const bool by_hand = surface_pose_ != pose_ && pose_input_us_;
+    surface_pose_ = pose_;
+    surface_received_ = received_;
+    local_.show_received(received_);
+    local_.set(y_, C_);
+    surface_ = std::make_shared<const SurfaceGeometry>(local_.geometry());
+    redraw_ = true;
+    if (by_hand) report_.input_to_pose_us.add(steady_now_us() - *pose_input_us_);
+  }
+
+  void show() {
+    const Publisher::Stats stats = publisher_.stats();
+    Picturing state;
+    state.camera = camera_;
+    state.options.edges = edges_;
+    state.markup = hand_.markup(deformer_.handle_faces());
+    if (!cage_) state.markup.lines.clear(), state.markup.dots.clear();
+    state.width_px = width_;
+    state.height_px = height_;
+    state.surface = surface_;
+    state.pose = pose_;
+    state.input_us = pose_input_us_;
+    if (figures_) state.figures = figures();
+    state.connected = stats.state == Publisher::State::kLive;
+    state.connection =
+        state.connected ? "on the air, " + std::to_string(stats.subscribers) + " watching" : stats.detail;
+    if (help_) state.help = help_of(hand_.tool());
+    painter_->show(std::move(state));
+  }
+
+  std::vector<std::string> figures() const {
+    const std::size_t chosen = editor_.chosen_count();
+    const std::string error =
+        deformer_.linear_map() == nullptr
+            ? "what is sent is all there is"
+            : formatted("%s, sent within %.2g rms, %.2g largest, of the diagonal",
+                        local_.received_shown() ? "as viewers get it" : "full detail", local_.rms(), local_.max());
+    return {std::string(kToolNames[hand_.tool()]) + ", " + (chosen == 0 ? "all" : std::to_string(chosen) + " of") +
+                " " + std::to_string(editor_.handles().size()) + " handles",
+            error};
+  }
 
   const Options& options_;
   deform::Deformer& deformer_;
@@ -121,148 +255,6 @@ class Studio final : public WindowListener {
   TimeUs shown_us_ = 0;
   Report report_;
 };
-
-Result<void> Studio::open(const LogSink& log) {
-  Painter::Options painting;
-  for (const SubscriberOptions& wanted : options_.watch) {
-    Result<std::unique_ptr<PoseSource>> source = subscribe_to(wanted, log);
-    if (!source) return source.error();
-    painting.others.push_back(std::move(*source));
-    painting.names.push_back(parse_broker_url(wanted.url)->stream);
-  }
-  const Result<void> opened = window_.open(options_.width, options_.height, options_.title);
-  if (!opened) return opened;
-  painting.window = &window_;
-  painting.scale = window_.content_scale();
-  painting.log = log;
-  if (asset_.up_axis == Asset::UpAxis::kX) camera_.set_up(Camera::Up::kX);
-  if (asset_.up_axis == Asset::UpAxis::kZ) camera_.set_up(Camera::Up::kZ);
-  on_resize(window_.size_px().x, window_.size_px().y);
-  frame(camera_, glm_from(asset_.box_low), glm_from(asset_.box_high), editor_.rest());
-  painting.low = camera_.scene_low();
-  painting.high = camera_.scene_high();
-  if (!camera_.set_view(options_.view)) return fail(ErrorCode::kInvalidArgument, "no view is called " + options_.view);
-  if (const Result<void> posed = make_pose(); !posed) return posed;
-  make_surface();
-  if (const auto started = store(painter_, Painter::start(std::move(painting))); !started) return started;
-  window_.listen(*this);
-  return {};
-}
-
-void Studio::on_command(Command command) {
-  if (hand_.command(command)) return;
-  if (command == Command::kQuit) {
-    quit_ = true;
-    return;
-  }
-  bool& toggled = command == Command::kShow      ? received_
-                  : command == Command::kCage    ? cage_
-                  : command == Command::kEdges   ? edges_
-                  : command == Command::kFigures ? figures_
-                                                 : help_;
-  toggled = !toggled;
-}
-
-Result<void> Studio::make_pose() {
-  const std::span<const Vec3> handles = editor_.handles();
-  if (std::equal(handles.begin(), handles.end(), posed_.begin(), posed_.end())) {
-    input_us_.reset();
-    return {};
-  }
-  posed_.assign(handles.begin(), handles.end());
-  if (const auto good = store(C_, projected_.coefficients(shifted(posed_, asset_.origin))); !good) return good;
-  y_ = deformer_.controls(posed_);
-  ++pose_;
-  redraw_ = true;
-  pose_input_us_ = std::exchange(input_us_, std::nullopt);
-  pace_.changed();
-  if (!pose_input_us_) return {};
-  if (unsent_) ++report_.held_back;
-  unsent_ = true;
-  ++report_.poses;
-  report_.input_to_coefficients_us.add(steady_now_us() - *pose_input_us_);
-  return {};
-}
-
-void Studio::send_if_due() {
-  const TimeUs now_us = steady_now_us(), due_us = pace_.due_us(now_us);
-  if (due_us > now_us) return;
-  const bool by_hand = std::exchange(unsent_, false), at_once = by_hand && due_us <= *pose_input_us_;
-  // Capture time is that of the input, or, of a pose that the pace delayed, the time of sending.
-  (void)publisher_.send_coefficients(C_, at_once ? *pose_input_us_ : now_us);  // The publisher counts what it drops.
-  pace_.sent(now_us);
-  if (at_once)
-    report_.input_to_sent_us.add(steady_now_us() - *pose_input_us_);
-  else if (by_hand)
-    ++report_.held_back;
-}
-
-/// After sending, because the others wait longer for the pose.
-void Studio::make_surface() {
-  if (surface_ && surface_pose_ == pose_ && surface_received_ == received_) return;
-  const bool by_hand = surface_pose_ != pose_ && pose_input_us_;
-  surface_pose_ = pose_;
-  surface_received_ = received_;
-  local_.show_received(received_);
-  local_.set(y_, C_);
-  surface_ = std::make_shared<const SurfaceGeometry>(local_.geometry());
-  redraw_ = true;
-  if (by_hand) report_.input_to_pose_us.add(steady_now_us() - *pose_input_us_);
-}
-
-std::vector<std::string> Studio::figures() const {
-  const std::size_t chosen = editor_.chosen_count();
-  char error[96];
-  if (deformer_.linear_map() == nullptr)
-    std::snprintf(error, sizeof error, "what is sent is all there is");
-  else
-    std::snprintf(error, sizeof error, "%s, sent within %.2g rms, %.2g largest, of the diagonal",
-                  local_.received_shown() ? "as viewers get it" : "full detail", local_.rms(), local_.max());
-  return {std::string(name_of(hand_.tool())) + ", " + (chosen == 0 ? "all" : std::to_string(chosen) + " of") + " " +
-              std::to_string(editor_.handles().size()) + " handles",
-          error};
-}
-
-void Studio::show() {
-  const Publisher::Stats stats = publisher_.stats();
-  Picturing state;
-  state.camera = camera_;
-  state.options.edges = edges_;
-  state.markup = hand_.markup(deformer_.handle_faces());
-  if (!cage_) state.markup.lines.clear(), state.markup.dots.clear();
-  state.width_px = width_;
-  state.height_px = height_;
-  state.surface = surface_;
-  state.pose = pose_;
-  state.input_us = pose_input_us_;
-  if (figures_) state.figures = figures();
-  state.connected = stats.state == Publisher::State::kLive;
-  state.connection = state.connected ? "on the air, " + std::to_string(stats.subscribers) + " watching" : stats.detail;
-  if (help_) state.help = help_of(hand_.tool());
-  painter_->show(std::move(state));
-}
-
-Result<void> Studio::run(const std::function<bool()>& stop) {
-  const TimeUs end_us = options_.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(options_.duration_s * 1e6) : 0;
-  while (!quit_ && !window_.close_wanted() && !stop()) {
-    const TimeUs now_us = steady_now_us();
-    if (end_us > 0 && now_us >= end_us) break;
-    const TimeUs wait_us = std::clamp<TimeUs>(pace_.due_us(now_us) - now_us, 0, kMaxWaitUs);
-    window_.poll_events(static_cast<double>(wait_us) * 1e-6);
-    if (const Result<void> posed = make_pose(); !posed) return posed;
-    send_if_due();
-    make_surface();
-    if (const auto box = painter_->take_box()) {
-      frame(camera_, box->first, box->second, editor_.rest());
-      redraw_ = true;
-    }
-    if (!redraw_ && steady_now_us() - shown_us_ < kFiguresEveryUs) continue;
-    show();
-    redraw_ = false;
-    shown_us_ = steady_now_us();
-  }
-  return {};
-}
 
 }  // namespace
 
