@@ -136,10 +136,6 @@ glm::vec3 Camera::offset_direction() const {
   return up_ == Up::kX ? glm::vec3(s, a, b) : up_ == Up::kY ? glm::vec3(a, s, b) : glm::vec3(a, -b, s);
 }
 
-glm::vec3 Camera::position() const {
-  return target_ + distance_ * offset_direction();
-}
-
 glm::mat4 Camera::view_from_scene() const {
   return glm::lookAt(position(), target_, up_vector());
 }

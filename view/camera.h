@@ -40,7 +40,7 @@ class Camera {
 
   glm::mat4 view_from_scene() const;
   glm::mat4 clip_from_view() const;
-  glm::vec3 position() const;
+  glm::vec3 position() const { return target_ + distance_ * offset_direction(); }
   glm::vec3 target() const { return target_; }
   float distance() const { return distance_; }
   float scene_radius() const { return radius_; }
@@ -55,7 +55,6 @@ class Camera {
   double diameter_px(const glm::vec3& centre, float radius) const;
   /// Upper bound of the pixels per scene unit on a ball; infinite around the eye.
   double max_px_per_unit(const glm::vec3& centre, float radius) const;
-  bool moved() const { return moved_; }
 
  private:
   glm::vec3 offset_direction() const;     ///< From target to camera, unit length.

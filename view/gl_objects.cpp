@@ -47,10 +47,6 @@ Result<void> GlProgram::build(const std::string& name, const Shaders& shaders, s
   return fail(ErrorCode::kInternal, "shader " + name + " does not link: " + log.data());
 }
 
-GlProgram::~GlProgram() {
-  if (id_ != 0) glDeleteProgram(id_);
-}
-
 void bind_texture(GLuint unit, GLenum target, GLuint texture) {
   glActiveTexture(GL_TEXTURE0 + unit);
   glBindTexture(target, texture);

@@ -26,7 +26,9 @@ class GlProgram final {
   GlProgram() = default;
   GlProgram(const GlProgram&) = delete;
   GlProgram& operator=(const GlProgram&) = delete;
-  ~GlProgram();
+  ~GlProgram() {
+    if (id_ != 0) glDeleteProgram(id_);
+  }
   /// captured: outputs of the vertex shader to keep (transform feedback), packed in this order. Errors: kInternal, with
   /// the compiler's log.
   Result<void> build(const std::string& name, const Shaders& shaders, std::span<const char* const> captured = {});

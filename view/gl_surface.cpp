@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "view/gl_surface.h"
 
-#include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>

@@ -147,11 +147,6 @@ class Sums final : public GlPicture {
     glDisable(GL_SCISSOR_TEST);
     glEnable(GL_PROGRAM_POINT_SIZE);
   }
-  /// Clears what is bound.
-  static void clear() {
-    constexpr std::array<float, 4> kZero{};
-    glClearBufferfv(GL_COLOR, 0, kZero.data());
-  }
   glm::vec2 size() const { return {kSumsWidth, height()}; }
 };
 
@@ -348,7 +343,7 @@ class GpuRebuilder final : public SurfaceRebuilder {
     read(kPositions, GL_RGBA32F, gpu.drawn());
     read(kCorners, GL_R32I, gpu.triangles.buffer());
     sums_.bind();
-    Sums::clear();
+    glClearBufferfv(GL_COLOR, 0, std::array<float, 4>{}.data());
     face_normals_.use();
     face_normals_.set("size", sums_.size());
     glDrawArrays(GL_POINTS, 0, gpu.triangles.count());

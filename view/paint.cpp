@@ -63,16 +63,12 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   const bool still = paint_.kind == SurfacePaint::Kind::kColour || paint_.kind == SurfacePaint::Kind::kTexture;
   if (settled && still) return;
   seen_level_ = view.level_version();
-  if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) {
-    wish_ = wish;
-    seen_pose_ = pose;
-    why_not_.clear();
-    return;
-  }
-  if (!(wish == wish_)) before_time_.reset();
+  const bool is_new = !(wish == wish_);
   wish_ = wish;
   seen_pose_ = pose;
   why_not_.clear();
+  if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) return;
+  if (is_new) before_time_.reset();
   waiting_ = false;
   fill(view, source, wish);
   range_ = paint_.kind == SurfacePaint::Kind::kScalar ? range_of(paint_.values) : std::nullopt;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <cstring>
 #include <optional>
 #include <utility>
 
@@ -90,7 +89,7 @@ class Renderer::Impl {
         surface->draw_triangles();
       }
     };
-    for (const GlProgram* program : {&mesh_, &textured_}) {
+    for (const GlProgram* program : {&mesh_, &textured_, &splat_}) {
       lighting_.light(*program, camera);
       program->set("colour_table", 1);
       program->set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
@@ -110,9 +109,7 @@ class Renderer::Impl {
       glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
     }
 
-    lighting_.light(splat_, camera);
-    splat_.set("colour_table", 1);
-    splat_.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
+    splat_.use();
     splat_.set("view_from_scene", camera.view_from_scene());
     splat_.set("clip_from_view", camera.clip_from_view());
     splat_.set("pixel_scale", options.pixel_scale);

@@ -173,10 +173,6 @@ void Scene::place(std::span<PoseSource* const> sources) {
   ++facts_.version;
 }
 
-void Scene::set_paused(bool paused) {
-  for (Instance& instance : instances_) instance.view.set_paused(paused);
-}
-
 void Scene::set_playout(const PlayoutSettings& settings) {
   options_.playout = settings;
   for (Instance& instance : instances_) instance.view.set_playout(settings);

@@ -51,7 +51,9 @@ class Scene {
   const std::vector<Instance>& instances() const { return instances_; }
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
-  void set_paused(bool paused);
+  void set_paused(bool paused) {
+    for (Instance& instance : instances_) instance.view.set_paused(paused);
+  }
   void set_playout(const PlayoutSettings& settings);
 
   /// The box around all rest poses, in the scene. Version 0: none yet.

@@ -29,10 +29,6 @@ constexpr const char* kTextureName = "the surface's texture";
 // their mipmaps on the GPU.
 constexpr std::uint64_t kDecodingBytes = 9, kPixelBytes = 7;
 
-std::uint64_t pixels_of(const Picture& picture) {
-  return picture.rgb.size() / 3;
-}
-
 Result<Picture> decoded(const Bytes& bytes, int max_side) {
   const std::string name = kTextureName;
   const auto max_pixels = std::min<std::uint64_t>(kMaxPixels, received_memory().remaining() / kDecodingBytes);
@@ -124,7 +120,7 @@ class Decoder {
   /// REQUIRES: the caller holds the texture.
   void keep(const AssetTexture& texture, Result<Picture> result) {
     Known& mine = known_[&texture];
-    auto memory = result ? received_memory().take(kPixelBytes * pixels_of(*result), kTextureName)
+    auto memory = result ? received_memory().take(kPixelBytes * (result->rgb.size() / 3), kTextureName)
                          : Result<MemoryBudget::Share>(result.error());
     if (memory) {
       struct Kept {
