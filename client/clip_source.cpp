@@ -108,9 +108,8 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   baked->asset = std::move(result->asset);
   baked->not_kept = std::move(result->not_kept);
   baked->rate_hz = (*clip)->frame_rate_hz();
-  auto frames = project_clip(**clip, baked->asset, progress);
-  if (!frames) return in_context(input, frames.error());
-  baked->frames = std::move(*frames);
+  const auto good = store(baked->frames, project_clip(**clip, baked->asset, progress));
+  if (!good) return in_context(input, good.error());
   baked->motion = std::move(*clip);
   return std::shared_ptr<const BakedClip>(std::move(baked));
 }

@@ -86,7 +86,7 @@ void Connections::log_states() {
     const Subscriber::Stats& stats = known.stats;
     if (known.logged == stats.state) continue;
     known.logged = stats.state;
-    const std::string name(name_of(stats.state));
+    const std::string name(kStateNames[stats.state]);
     std::string line =
         stats.detail.compare(0, name.size(), name) == 0 ? stats.detail : name;  // it may begin with the state
     if (!stats.detail.empty() && line != stats.detail) line += ": " + stats.detail;

@@ -16,11 +16,6 @@ namespace {
 
 constexpr TimeUs kTurnsAnyway = 100'000;  // the turntable waits so long for a new pose
 
-std::string frame_name(const std::string& folder, std::uint64_t number) {
-  const std::string name = formatted("frame_%04llu.png", static_cast<unsigned long long>(number));
-  return (std::filesystem::path(folder) / name).string();
-}
-
 class Headless {
  public:
   Headless(const ClientOptions& options, const LogSink& log) : options_(options), log_(log) {}
@@ -97,20 +92,20 @@ class Headless {
     session_->finish_picture(true);
     ++taken_;
     if (options_.out.empty()) return {};
-    const Result<void> written =
-        write_png(frame_name(options_.out, taken_),
-                  Renderer::read_back(options_.width, options_.height, target, options_.style.transparent));
+    const std::string name = formatted("frame_%04llu.png", static_cast<unsigned long long>(taken_));
+    const Result<void> written = save((std::filesystem::path(options_.out) / name).string(), target);
     if (written) session_->count_written();
     return written;
+  }
+
+  Result<void> save(const std::string& path, unsigned target) const {
+    return write_png(path, Renderer::read_back(options_.width, options_.height, target, options_.style.transparent));
   }
 
   Result<void> write_results() {
     if (!options_.screenshot.empty() && taken_ > 0) {
       const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-      const Result<void> written =
-          write_png(options_.screenshot,
-                    Renderer::read_back(options_.width, options_.height, target, options_.style.transparent));
-      if (!written) return written;
+      if (const Result<void> written = save(options_.screenshot, target); !written) return written;
     }
     std::string path = options_.json;
     if (path.empty() && !options_.out.empty()) path = (std::filesystem::path(options_.out) / "report.json").string();

@@ -40,22 +40,6 @@ std::string text_from_download(const Download& d) {
 
 }  // namespace
 
-std::string_view name_of(Subscriber::State state) {
-  constexpr EnumNames<Subscriber::State, 7> kNames{
-      {"connecting", "waiting", "downloading", "live", "stalled", "lost", "refused"}};
-  return kNames[state];
-}
-
-std::string_view name_of(Shown shown) {
-  constexpr EnumNames<Shown, 4> kNames{{"live", "interpolated", "estimated", "held"}};
-  return kNames[shown];
-}
-
-std::string_view name_of(PlayoutMode mode) {
-  constexpr EnumNames<PlayoutMode, 3> kNames{{"latest", "interpolate", "estimate"}};
-  return kNames[mode];
-}
-
 std::string text_from_mode(const Profile& profile) {
   if (profile.rate == Profile::Rate::kRaw) return "raw";
   const bool estimated = profile.rate == Profile::Rate::kEstimated;
@@ -67,7 +51,7 @@ std::string text_from_mode(const Profile& profile) {
 }
 
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout) {
-  std::string line(name_of(shown));
+  std::string line(kShownNames[shown]);
   if (settling) line += ", going over";
   if (playout.settings().mode == PlayoutMode::kLatest) return line + " \xC2\xB7 as it comes";
   line += " \xC2\xB7 " + milliseconds(playout.delay_us()) + " held back";
@@ -84,7 +68,7 @@ std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces) {
 
 std::string text_from_levels(const LevelControl& levels, double work_s) {
   const double f0 = levels.settings().target_fps;
-  const std::string line = std::string(name_of(levels.kind())) +
+  const std::string line = std::string(kResolverNames[levels.kind()]) +
                            formatted(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
   if (levels.kind() == ResolverKind::kPaper) return line + formatted(" \xC2\xB7 kappa %.2f", levels.state());
   // Over twice a picture's time: not even the fewest vertices would hold the rate.
@@ -124,7 +108,7 @@ std::string connection_line(const Subscriber::Stats& stats, const std::optional<
                             double bytes_per_s, bool has_banner) {
   const Download download = download_of(stats, bytes_per_s);
   const std::string progress = text_from_download(download);
-  std::string line(name_of(stats.state));
+  std::string line(kStateNames[stats.state]);
   switch (stats.state) {
     case Subscriber::State::kDownloading:
       // A clip that is baked here has its own progress.

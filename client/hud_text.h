@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "client/level_control.h"
@@ -27,10 +26,11 @@ struct HudFigures {
   std::string mode;      ///< From text_from_mode.
 };
 
-std::string_view name_of(Subscriber::State state);
-std::string_view name_of(Shown shown);
-/// "latest", "interpolate", "estimate": as --playout names them.
-std::string_view name_of(PlayoutMode mode);
+inline constexpr EnumNames<Subscriber::State, 7> kStateNames{
+    {"connecting", "waiting", "downloading", "live", "stalled", "lost", "refused"}};
+inline constexpr EnumNames<Shown, 4> kShownNames{{"live", "interpolated", "estimated", "held"}};
+/// As --playout names them.
+inline constexpr EnumNames<PlayoutMode, 3> kPlayoutNames{{"latest", "interpolate", "estimate"}};
 
 /// "raw", "interpolated x3 full", "estimated x3 damped full".
 std::string text_from_mode(const Profile& profile);

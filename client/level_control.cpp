@@ -9,11 +9,6 @@
 
 namespace eigencast {
 
-std::string_view name_of(ResolverKind kind) {
-  constexpr EnumNames<ResolverKind, 3> kNames{{"none", "budget", "paper"}};
-  return kNames[kind];
-}
-
 LevelControl::LevelControl(const LevelSettings& settings) : settings_(settings) {}
 
 void LevelControl::set_kind(ResolverKind kind) {

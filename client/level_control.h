@@ -4,9 +4,9 @@
 #include <memory>
 #include <optional>
 #include <span>
-#include <string_view>
 
 #include "client/lod_resolver.h"
+#include "common/core/text.h"
 #include "view/camera.h"
 #include "view/scene.h"
 
@@ -15,7 +15,7 @@ namespace eigencast {
 /// What chooses the levels of detail: the user alone, our controller, or the paper's.
 enum class ResolverKind { kNone, kBudget, kPaper };
 
-std::string_view name_of(ResolverKind kind);
+inline constexpr EnumNames<ResolverKind, 3> kResolverNames{{"none", "budget", "paper"}};
 
 struct LevelSettings {
   ResolverKind kind = ResolverKind::kNone;

@@ -17,12 +17,6 @@ std::uint32_t clamped(double n, const ObjectView& object) {
   return static_cast<std::uint32_t>(std::clamp(n, static_cast<double>(object.min), static_cast<double>(object.max)));
 }
 
-double total_cost(std::span<const ObjectView> objects, std::span<const std::uint32_t> n) {
-  double total = 0;
-  for (std::size_t i = 0; i < objects.size(); ++i) total += objects[i].vertex_cost * n[i];
-  return total;
-}
-
 }  // namespace
 
 double PaperResolver::level(double scaled, double kappa) {
@@ -197,7 +191,8 @@ std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> o
     judge(min_cost, last->seconds);
   }
   auto n = split_budget(objects, wanted_vertices(min_cost, max_cost));
-  drawn_ = total_cost(objects, n);
+  drawn_ = 0;
+  for (std::size_t i = 0; i < n.size(); ++i) drawn_ += objects[i].vertex_cost * n[i];
   planned_ = (fixed_ + slope_ * drawn_) * settings_.f0;
   return n;
 }

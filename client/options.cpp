@@ -3,10 +3,10 @@
 
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <span>
 
 #include "client/clip_source.h"
+#include "client/hud_text.h"
 #include "client/settings.h"
 #include "common/command_line/command_line.h"
 #include "sdk/asset_cache.h"
@@ -32,11 +32,6 @@ constexpr const char* kExitStatus = R"(0 good
 2 wrong usage
 4 no stream came
 )";
-
-const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme::kLinear},
-                                                      {"catmull-rom", Profile::Scheme::kCatmullRom},
-                                                      {"hermite", Profile::Scheme::kHermite},
-                                                      {"damped", Profile::Scheme::kDamped}};
 
 struct RawOptions {
   std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "clay", colour_map = "viridis",
@@ -92,15 +87,13 @@ Result<std::optional<Profile>> profile_from(const CommandLine& line, const std::
   Profile profile = *asked;
   if (line.has("--k")) profile.k = static_cast<std::uint8_t>(raw.k);
   if (line.has("--bands")) profile.bands = static_cast<std::uint8_t>(raw.bands);
-  if (line.has("--form")) profile.form = raw.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
+  if (line.has("--form")) profile.form = *kFormNames.find(raw.form);
   if (line.has("--rate")) {
-    const Profile::Rate rate = raw.rate == "raw"         ? Profile::Rate::kRaw
-                               : raw.rate == "estimated" ? Profile::Rate::kEstimated
-                                                         : Profile::Rate::kInterpolated;
+    const Profile::Rate rate = kRateNames.find(raw.rate).value_or(Profile::Rate::kInterpolated);
     if (rate != profile.rate) profile.scheme = default_scheme(rate);
     profile.rate = rate;
   }
-  if (line.has("--scheme")) profile.scheme = kSchemes.at(raw.scheme);
+  if (line.has("--scheme")) profile.scheme = *kSchemeNames.find(raw.scheme);
   if (profile.rate == Profile::Rate::kRaw && makes) {
     return fail(
         ErrorCode::kInvalidArgument,
@@ -305,9 +298,8 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
     if (!profile) return in_context("the stream's URL", profile.error());
     options.profile = *profile;
   }
-  options.levels.kind = raw.resolver == "paper"                                                ? ResolverKind::kPaper
-                        : raw.resolver == "none" || (raw.resolver.empty() && options.headless) ? ResolverKind::kNone
-                                                                                               : ResolverKind::kBudget;
+  const ResolverKind usual = options.headless ? ResolverKind::kNone : ResolverKind::kBudget;
+  options.levels.kind = kResolverNames.find(raw.resolver).value_or(usual);
   options.reconstruct = kRebuildOnNames.find(raw.reconstruct).value_or(RebuildOn::kAuto);
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && !line.has("--target-fps");
@@ -318,9 +310,7 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (line.has("--smooth") && line.has("--delay"))
     return wrong("--smooth and --delay both say how long poses are held back; give one of them");
   PlayoutSettings& playout = options.view_options.playout;
-  playout.mode = raw.playout == "interpolate" ? PlayoutMode::kInterpolate
-                 : raw.playout == "estimate"  ? PlayoutMode::kEstimate
-                                              : PlayoutMode::kLatest;
+  playout.mode = kPlayoutNames.find(raw.playout).value_or(PlayoutMode::kLatest);
   if (line.has("--smooth")) playout.smoothness = raw.smooth;
   playout.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
   playout.max_ahead_us = static_cast<TimeUs>(raw.ahead_ms * 1000);

@@ -8,6 +8,7 @@
 
 #include "client/level_control.h"
 #include "client/scene_file.h"
+#include "common/command_line/command_line.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
 #include "view/rebuild.h"
@@ -42,11 +43,6 @@ struct ClientOptions {
   std::string cache_dir;
   double memory_mb = 0;  ///< For what brokers send; 0: three quarters of what is free.
   bool verbose = false;
-};
-
-/// --help or a usage error have been printed.
-struct ExitNow {
-  int code = 0;
 };
 
 enum ExitCode : int { kExitGood = 0, kExitFailed = 1, kExitUsage = 2, kExitNoStream = 4 };

@@ -77,10 +77,6 @@ std::string Session::name_of_surface(std::size_t surface) const {
   return info && !info->stream.empty() ? info->stream : connections_.name(placement.source);
 }
 
-Subscriber::State Session::state_of_surface(std::size_t surface) const {
-  return connections_.stats(scene_.instances()[surface].placement.source).state;
-}
-
 bool Session::poll(std::chrono::milliseconds timeout) {
   if (sources().empty()) {
     std::this_thread::sleep_for(timeout);
@@ -150,10 +146,6 @@ void Session::frame_scene(Camera& camera) {
                                                        : Camera::Up::kY);
   }
   camera.set_scene(facts.low, facts.high);
-}
-
-RenderOptions Session::render_options(const Style& style) const {
-  return {style, pixel_scale_, colours_.range(style)};
 }
 
 void Session::draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px,
@@ -258,7 +250,7 @@ OverlayContent Session::overlay_content() const {
   const Status now = status();
   content.connection = now.line;
   content.banner = now.banner;
-  content.connected = is_connected();
+  content.connected = connections_.are_well();
   content.legend = colours_.legend(sources().empty() ? nullptr : sources().front()->asset());
   return content;
 }

@@ -51,7 +51,7 @@ class Session final {
   /// Ends the measurement of the picture's work. Waits for the GPU if `wait` or if a resolver needs the measurement.
   void finish_picture(bool wait);
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
-  RenderOptions render_options(const Style& style) const;
+  RenderOptions render_options(const Style& style) const { return {style, pixel_scale_, colours_.range(style)}; }
   const SceneColours& colours() const { return colours_; }
 
   /// Adds a surface of a source, which may be new and must outlive the session or its removal.
@@ -60,7 +60,9 @@ class Session final {
   PoseSource* remove(std::size_t surface);
   const std::vector<PoseSource*>& sources() const { return connections_.sources(); }
   std::string name_of_surface(std::size_t surface) const;
-  Subscriber::State state_of_surface(std::size_t surface) const;
+  Subscriber::State state_of_surface(std::size_t surface) const {
+    return connections_.stats(scene_.instances()[surface].placement.source).state;
+  }
 
   /// The rebuilder must outlive the session.
   void rebuild_with(const RebuilderChoice& choice);
@@ -77,7 +79,6 @@ class Session final {
   Status status() const;
   /// The mean of all surfaces; falls from 1 to 0 within half a second of a lost connection.
   float colourfulness() const;
-  bool is_connected() const { return connections_.are_well(); }
   void count_written() { ++written_; }
   const History& history() const { return history_; }
 

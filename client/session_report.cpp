@@ -32,7 +32,7 @@ json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
     const SurfaceView& view = instance.view;
     surfaces.push_back({{"stream", instance.placement.source},
                         {"name", instance.placement.name},
-                        {"state", name_of(source.stats().state)},
+                        {"state", kStateNames[source.stats().state]},
                         {"poses_shown", view.poses_shown()},
                         {"vertices", view.geometry().vertex_count()},
                         {"of", asset == nullptr ? 0 : asset->vertex_count},
@@ -91,7 +91,7 @@ void PoseRecord::shown(const Scene& scene, TimeUs drawn_us) {
     const json line{{"surface", i},
                     {"drawn_us", drawn_us},
                     {"capture_us", *view.shown_capture_us()},
-                    {"shown", name_of(view.shown())},
+                    {"shown", kShownNames[view.shown()]},
                     {"settling", view.settling()},
                     {"vertices", view.geometry().vertex_count()},
                     {"coefficients", view.coefficients()}};
@@ -118,7 +118,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["stream"] = info ? info->stream : "";
   report["asset"] = info ? info->asset : "";
   report["mode"] = figures_now.mode;
-  report["state"] = name_of(stats.state);
+  report["state"] = kStateNames[stats.state];
   report["duration_s"] = static_cast<double>(steady_now_us() - started_us_) / 1e6;
   report["receiving_s"] = span_s;
   report["frames_in"] = {{"keys", stats.keys},         {"synthetic", stats.synthetic}, {"joins", stats.joins},
@@ -134,7 +134,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                    {"vertices", figures_now.vertices},
                    {"of", figures_now.vertices_total},
                    {"faces", figures_now.faces},
-                   {"resolver", name_of(levels_.kind())},
+                   {"resolver", kResolverNames[levels_.kind()]},
                    {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
                    {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
   report["surfaces"] = surfaces_from(scene_, sources());
@@ -144,11 +144,11 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
        rebuild_trial_ ? json{{"cpu", rebuild_trial_->cpu_us}, {"gpu", rebuild_trial_->gpu_us}} : json(nullptr)}};
   report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};
   const Playout& playout = view.playout();
-  report["playout"] = {{"mode", name_of(playout.settings().mode)},
+  report["playout"] = {{"mode", kPlayoutNames[playout.settings().mode]},
                        {"smoothness", playout.smoothness()},
                        {"delay_us", playout.delay_us()}};
   for (std::size_t i = 0; i < view.times_shown().size(); ++i)
-    report["playout"]["shown"][std::string(name_of(static_cast<Shown>(i)))] = view.times_shown()[i];
+    report["playout"]["shown"][std::string(kShownNames[static_cast<Shown>(i)])] = view.times_shown()[i];
   if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
   report["reconnects"] = stats.reconnects;
   report["clock"] = {{"offset_us", json_from(stats.clock_offset_us)},

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "client/settings.h"
 
-#include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -16,17 +15,9 @@ using nlohmann::json;
 
 constexpr std::uint64_t kMaxSettingsBytes = 1 << 20;
 
-struct StyleFlag {
-  const char* name;
-  bool Style::*member;
-};
-constexpr std::array<StyleFlag, 7> kStyleFlags{{{"edges", &Style::edges},
-                                                {"wireframe", &Style::wireframe},
-                                                {"points", &Style::points},
-                                                {"grid", &Style::grid},
-                                                {"axes", &Style::axes},
-                                                {"transparent", &Style::transparent},
-                                                {"legend", &Style::legend}}};
+constexpr std::pair<const char*, bool Style::*> kStyleFlags[] = {
+    {"edges", &Style::edges}, {"wireframe", &Style::wireframe},     {"points", &Style::points}, {"grid", &Style::grid},
+    {"axes", &Style::axes},   {"transparent", &Style::transparent}, {"legend", &Style::legend}};
 
 void read_bool(const json& object, const char* name, bool& value) {
   if (const auto at = object.find(name); at != object.end() && at->is_boolean()) value = at->get<bool>();
@@ -38,12 +29,10 @@ void read_side(const json& object, const char* name, int& value) {
   if (const auto side = at->get<long long>(); side >= 160 && side <= 16384) value = static_cast<int>(side);
 }
 
-template <typename Value>
-std::optional<Value> read_named(const json& object, const char* name, std::initializer_list<Value> values) {
+template <typename Enum, std::size_t N>
+std::optional<Enum> read_named(const json& object, const char* name, const EnumNames<Enum, N>& names) {
   const auto at = object.find(name);
-  if (at == object.end() || !at->is_string()) return std::nullopt;
-  const auto named = std::find_if(values.begin(), values.end(), [&](Value value) { return name_of(value) == *at; });
-  return named == values.end() ? std::nullopt : std::optional(*named);
+  return at != object.end() && at->is_string() ? names.find(at->get_ref<const std::string&>()) : std::nullopt;
 }
 
 std::optional<double> read_part(const json& object, const char* name) {
@@ -81,13 +70,11 @@ Result<Settings> Settings::load(const std::string& path) {
   read_bool(all, "figures", settings.hud);
   read_bool(all, "panel", settings.panel);
   if (const auto style = all.find("style"); style != all.end() && style->is_object()) {
-    for (const StyleFlag& each : kStyleFlags) read_bool(*style, each.name, settings.style.*each.member);
-    if (const auto map = style->find("colour_map"); map != style->end() && map->is_string())
-      settings.style.colour_map = kColourMapNames.find(map->get<std::string>()).value_or(ColourMap::kViridis);
+    for (const auto& [name, member] : kStyleFlags) read_bool(*style, name, settings.style.*member);
+    settings.style.colour_map = read_named(*style, "colour_map", kColourMapNames).value_or(settings.style.colour_map);
   }
-  settings.resolver = read_named(all, "resolver", {ResolverKind::kNone, ResolverKind::kBudget, ResolverKind::kPaper});
-  settings.playout =
-      read_named(all, "motion", {PlayoutMode::kLatest, PlayoutMode::kInterpolate, PlayoutMode::kEstimate});
+  settings.resolver = read_named(all, "resolver", kResolverNames);
+  settings.playout = read_named(all, "motion", kPlayoutNames);
   settings.smoothness = read_part(all, "smoothness");
   if (const auto recent = all.find("recent"); recent != all.end() && recent->is_array()) {
     for (const json& each : *recent) {
@@ -101,10 +88,10 @@ Result<void> Settings::save(const std::string& path) const {
   std::error_code ignored;
   std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
   json all{{"width", width}, {"height", height}, {"figures", hud}, {"panel", panel}, {"recent", recent}};
-  if (resolver) all["resolver"] = name_of(*resolver);
-  if (playout) all["motion"] = name_of(*playout);
+  if (resolver) all["resolver"] = kResolverNames[*resolver];
+  if (playout) all["motion"] = kPlayoutNames[*playout];
   if (smoothness) all["smoothness"] = *smoothness;
-  for (const StyleFlag& each : kStyleFlags) all["style"][each.name] = style.*each.member;
+  for (const auto& [name, member] : kStyleFlags) all["style"][name] = style.*member;
   all["style"]["colour_map"] = kColourMapNames[style.colour_map];
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
 }

@@ -254,12 +254,8 @@ class Viewer final : public WindowListener {
       window_.set_clipboard(text_from_camera(camera_));
       say("the camera is in the clipboard", false);
     }
-    if (std::exchange(state_.paste_wanted, false)) paste(window_.clipboard());
-  }
-
-  void paste(const std::string& text) {
-    if (camera_from_text(text, camera_)) return;
-    open_wanted(text);
+    if (!std::exchange(state_.paste_wanted, false)) return;
+    if (const std::string text = window_.clipboard(); !camera_from_text(text, camera_)) open_wanted(text);
   }
 
   bool content_changed(TimeUs now_us) {
@@ -280,12 +276,6 @@ class Viewer final : public WindowListener {
     return content;
   }
 
-  Style window_style() const {
-    Style style = state_.style;
-    style.transparent = false;
-    return style;
-  }
-
   TextScale text_scale_now() const {
     return text_scale(window_.content_scale(), window_.pixels_per_unit(), static_cast<float>(options_.ui_scale));
   }
@@ -295,7 +285,9 @@ class Viewer final : public WindowListener {
     // With a resolver the picture is drawn off-screen, so that waiting for the display does not count as work.
     const bool apart = session_->levels().active();
     const unsigned target = apart ? renderer_->offscreen_target(width_, height_) : 0;
-    session_->draw(*renderer_, camera_, window_style(), width_, height_, target);
+    Style style = state_.style;
+    style.transparent = false;
+    session_->draw(*renderer_, camera_, style, width_, height_, target);
     drawn_content_ = overlay_content();
     drawn_colourfulness_ = session_->colourfulness();
     overlay_->draw(drawn_content_, width_, height_, target, [this] { draw_panels(); });

@@ -28,11 +28,6 @@ void change_smoothness(PlayoutSettings& playout, double by) {
 
 constexpr std::array<const char*, 3> kPlayoutTexts{"as they come", "interpolated here", "estimated here"};
 
-std::string text_from_smoothness(const PlayoutSettings& playout) {
-  if (playout.mode == PlayoutMode::kLatest) return "";
-  return formatted("%.3g %%", 100 * Playout(playout).smoothness());
-}
-
 void toggle(bool& value) {
   value = !value;
 }
@@ -119,33 +114,36 @@ const KeyCommand* command_for_key(std::string_view key, const Modifiers& modifie
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver) {
   const std::string up(1, static_cast<char>('X' + static_cast<int>(camera.up())));
-  return {{"left drag", "rotate", ""},
-          {"right or middle drag, Shift+left", "pan", ""},
-          {"wheel", "zoom to the cursor", ""},
-          {"double click", "turn round the point that was hit", ""},
-          {"R  Home", "reset the camera", ""},
-          {"+ -  . ,", "level of detail, at most", formatted("%.3g %%", 100 * lod.fraction())},
-          {"A", "what lowers it to hold the rate", std::string(name_of(resolver))},
-          {"Space", "pause", on_off(state.paused)},
-          {"M", "motion between arrivals", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
-          {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
-          {"V", "what colours say", title_of(state.style.colour)},
-          {"C", "colour map", std::string(kColourMapNames[state.style.colour_map])},
-          {"B", "its legend", on_off(state.style.legend)},
-          {"E", "edges", on_off(state.style.edges)},
-          {"W", "wireframe", on_off(state.style.wireframe)},
-          {"P", "points", on_off(state.style.points)},
-          {"G", "ground grid", on_off(state.style.grid)},
-          {"X", "axes", on_off(state.style.axes)},
-          {"U", "up axis", up},
-          {"Tab", "panel: surfaces, style, motion, plots", on_off(state.panel)},
-          {"F", "figures", on_off(state.hud)},
-          {"S  F12", "screenshot; with Shift without background", ""},
-          {"Y", "turntable", on_off(state.turntable)},
-          {"K", "write every picture", on_off(state.recording)},
-          {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
-          {"H  F1", "this help", on_off(state.help)},
-          {"Q  Esc", "quit", ""}};
+  return {
+      {"left drag", "rotate", ""},
+      {"right or middle drag, Shift+left", "pan", ""},
+      {"wheel", "zoom to the cursor", ""},
+      {"double click", "turn round the point that was hit", ""},
+      {"R  Home", "reset the camera", ""},
+      {"+ -  . ,", "level of detail, at most", formatted("%.3g %%", 100 * lod.fraction())},
+      {"A", "what lowers it to hold the rate", std::string(kResolverNames[resolver])},
+      {"Space", "pause", on_off(state.paused)},
+      {"M", "motion between arrivals", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
+      {"[ ]", "live to smooth",
+       state.playout.mode == PlayoutMode::kLatest ? std::string()
+                                                  : formatted("%.3g %%", 100 * Playout(state.playout).smoothness())},
+      {"V", "what colours say", title_of(state.style.colour)},
+      {"C", "colour map", std::string(kColourMapNames[state.style.colour_map])},
+      {"B", "its legend", on_off(state.style.legend)},
+      {"E", "edges", on_off(state.style.edges)},
+      {"W", "wireframe", on_off(state.style.wireframe)},
+      {"P", "points", on_off(state.style.points)},
+      {"G", "ground grid", on_off(state.style.grid)},
+      {"X", "axes", on_off(state.style.axes)},
+      {"U", "up axis", up},
+      {"Tab", "panel: surfaces, style, motion, plots", on_off(state.panel)},
+      {"F", "figures", on_off(state.hud)},
+      {"S  F12", "screenshot; with Shift without background", ""},
+      {"Y", "turntable", on_off(state.turntable)},
+      {"K", "write every picture", on_off(state.recording)},
+      {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
+      {"H  F1", "this help", on_off(state.help)},
+      {"Q  Esc", "quit", ""}};
 }
 
 std::string next_free_name(const std::string& prefix, const std::string& ending) {

@@ -49,7 +49,7 @@ void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, f
     const double level = asset == nullptr ? 0
                                           : static_cast<double>(instance.view.geometry().vertex_count()) /
                                                 std::max(1U, asset->vertex_count);
-    ImGui::TextDisabled("      %s, detail %.2f", std::string(name_of(session.state_of_surface(i))).c_str(), level);
+    ImGui::TextDisabled("      %s, detail %.2f", std::string(kStateNames[session.state_of_surface(i)]).c_str(), level);
     ImGui::SameLine(ImGui::GetContentRegionAvail().x - 54 * scale);
     if (ImGui::SmallButton("remove")) requests.remove = i;
     ImGui::PopID();
@@ -115,7 +115,7 @@ void draw_detail(Session& session) {
     session.scene().lod().set_fraction(static_cast<double>(level));
   LevelControl& levels = session.levels();
   levels.set_kind(chosen_from("##resolver", "lowered by", kResolvers, levels.kind(),
-                              [](ResolverKind kind) { return std::string(name_of(kind)); }));
+                              [](ResolverKind kind) { return std::string(kResolverNames[kind]); }));
 }
 
 void draw_export(ViewerState& state) {

@@ -33,6 +33,11 @@ struct OptionEntry {
   const char* environment = nullptr;  ///< The variable that is read where the option is not given.
 };
 
+/// --help or a usage error have been printed.
+struct ExitNow {
+  int code = 0;
+};
+
 /// A program's command line. Its source alone pays for CLI11's header, and for one instance of its templates.
 class CommandLine {
  public:

@@ -47,8 +47,8 @@ TEST(Levels, ResolversHoldTheRate) {
       EXPECT_EQ(stage.scene.vertex_count(), 5124u);
       continue;
     }
-    EXPECT_GT(fps, kind == ResolverKind::kPaper ? 16 : 19.5) << name_of(kind);
-    EXPECT_LT(fps, 24) << name_of(kind) << ": the budget is used";
+    EXPECT_GT(fps, kind == ResolverKind::kPaper ? 16 : 19.5) << kResolverNames[kind];
+    EXPECT_LT(fps, 24) << kResolverNames[kind] << ": the budget is used";
     EXPECT_GT(stage.geometry(0).vertex_count(), stage.geometry(1).vertex_count()) << "the near one is finer";
     EXPECT_GE(stage.geometry(1).vertex_count(), 51u) << "the floor";
   }
