@@ -19,4 +19,9 @@ int run_headless(const ClientOptions& options, std::span<PoseSource* const> sour
 int run_window(const ClientOptions& options, std::span<PoseSource* const> sources, const OpenSource& open,
                const std::atomic<bool>& stop, const LogSink& log);
 
+inline ExitCode failed(const Error& error, const LogSink& log_sink) {
+  log(log_sink, LogLevel::kError, error.message);
+  return kExitFailed;
+}
+
 }  // namespace eigencast

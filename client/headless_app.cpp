@@ -148,14 +148,9 @@ class Headless {
 int run_headless(const ClientOptions& options, std::span<PoseSource* const> sources, const std::atomic<bool>& stop,
                  const LogSink& log_sink) {
   Headless headless(options, log_sink);
-  if (const Result<void> ready = headless.open(sources); !ready) {
-    log(log_sink, LogLevel::kError, ready.error().message);
-    return kExitFailed;
-  }
+  if (const Result<void> ready = headless.open(sources); !ready) return failed(ready.error(), log_sink);
   const Result<int> code = headless.run(stop);
-  if (code) return *code;
-  log(log_sink, LogLevel::kError, code.error().message);
-  return kExitFailed;
+  return code ? *code : failed(code.error(), log_sink);
 }
 
 }  // namespace eigencast

@@ -19,37 +19,36 @@ void on_signal(int) {
 }
 
 int run(int argc, char** argv) {
-  auto parsed = eigencast::options_from_command_line(argc, argv);
-  if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
-  const auto& options = std::get<eigencast::ClientOptions>(parsed);
+  using namespace eigencast;
+  auto parsed = options_from_command_line(argc, argv);
+  if (const auto* exit_now = std::get_if<ExitNow>(&parsed)) return exit_now->code;
+  const auto& options = std::get<ClientOptions>(parsed);
   // Read above, for one broker; libraries below would give it to any.
   ::unsetenv("EIGENCAST_TOKEN");
 
-  if (options.memory_mb > 0)
-    eigencast::received_memory().set_limit(static_cast<std::uint64_t>(options.memory_mb * 1e6));
+  if (options.memory_mb > 0) received_memory().set_limit(static_cast<std::uint64_t>(options.memory_mb * 1e6));
 
-  const eigencast::LogSink log = eigencast::sink_to(
-      eigencast::stderr_logger(options.verbose ? eigencast::LogLevel::kDebug : eigencast::LogLevel::kInfo));
+  const LogSink log = sink_to(stderr_logger(options.verbose ? LogLevel::kDebug : LogLevel::kInfo));
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 
-  std::vector<std::unique_ptr<eigencast::PoseSource>> sources;
-  std::vector<eigencast::PoseSource*> all;
+  std::vector<std::unique_ptr<PoseSource>> sources;
+  std::vector<PoseSource*> all;
   for (std::size_t i = 0; i < options.scene.streams.size(); ++i) {
-    auto source = eigencast::open_source(options.scene.streams[i], &options.credentials[i], options, !options.headless,
-                                         stop_wanted, log);
+    auto source =
+        open_source(options.scene.streams[i], &options.credentials[i], options, !options.headless, stop_wanted, log);
     if (!source) {
-      eigencast::log(log, eigencast::LogLevel::kError, source.error().message);
-      return eigencast::clip_in(options.scene.streams[i]) ? eigencast::kExitNoStream : eigencast::kExitUsage;
+      eigencast::log(log, LogLevel::kError, source.error().message);
+      return clip_in(options.scene.streams[i]) ? kExitNoStream : kExitUsage;
     }
     all.push_back(source->get());
     sources.push_back(std::move(source).value());
   }
-  const eigencast::OpenSource open = [&](const std::string& stream) {
-    return eigencast::open_source(stream, nullptr, options, true, stop_wanted, log);
+  const OpenSource open = [&](const std::string& stream) {
+    return open_source(stream, nullptr, options, true, stop_wanted, log);
   };
-  return options.headless ? eigencast::run_headless(options, all, stop_wanted, log)
-                          : eigencast::run_window(options, all, open, stop_wanted, log);
+  return options.headless ? run_headless(options, all, stop_wanted, log)
+                          : run_window(options, all, open, stop_wanted, log);
 }
 
 }  // namespace

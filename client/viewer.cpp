@@ -306,16 +306,11 @@ class Viewer final : public WindowListener {
   }
 
   void write_what_is_wanted(bool scene_changed) {
-    const auto report = [this](const Result<void>& written, const std::string& path) {
+    for (bool* wanted : {&state_.screenshot_wanted, &state_.clean_screenshot_wanted}) {
+      if (!std::exchange(*wanted, false)) continue;
+      const std::string path = next_free_name("eigencast", ".png");
+      const auto written = wanted == &state_.screenshot_wanted ? save(path) : save_scene(path, true);
       written ? say("screenshot: " + path, false) : say(written.error().message, true);
-    };
-    if (std::exchange(state_.screenshot_wanted, false)) {
-      const std::string path = next_free_name("eigencast", ".png");
-      report(save(path), path);
-    }
-    if (std::exchange(state_.clean_screenshot_wanted, false)) {
-      const std::string path = next_free_name("eigencast", ".png");
-      report(save_scene(path, true), path);
     }
     if (!state_.recording) record_folder_.clear();
     if (!state_.recording || !scene_changed) return;
@@ -384,10 +379,7 @@ Result<void> write_results(Viewer& viewer, const ClientOptions& options) {
 int run_window(const ClientOptions& options, std::span<PoseSource* const> sources, const OpenSource& open,
                const std::atomic<bool>& stop, const LogSink& log_sink) {
   Viewer viewer(options, open, log_sink);
-  if (const Result<void> ready = viewer.open(sources); !ready) {
-    log(log_sink, LogLevel::kError, ready.error().message);
-    return kExitFailed;
-  }
+  if (const Result<void> ready = viewer.open(sources); !ready) return failed(ready.error(), log_sink);
   // After the start of the renderer, whose threads must not inherit this.
   run_when_woken(kMakingPoses);
   const TimeUs start = steady_now_us();
@@ -398,11 +390,8 @@ int run_window(const ClientOptions& options, std::span<PoseSource* const> source
   }
   if (const Result<void> remembered = viewer.remember(); !remembered)
     log(log_sink, LogLevel::kWarning, remembered.error().message);
-  if (const Result<void> written = write_results(viewer, options); !written) {
-    log(log_sink, LogLevel::kError, written.error().message);
-    return kExitFailed;
-  }
-  return kExitGood;
+  const Result<void> written = write_results(viewer, options);
+  return written ? kExitGood : failed(written.error(), log_sink);
 }
 
 }  // namespace eigencast
