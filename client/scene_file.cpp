@@ -103,8 +103,7 @@ Result<CameraPath::Key> key_from(const json& value, const std::string& where) {
   CameraPath::Key key{
       value["t"].get<double>(), {(*eye)[0], (*eye)[1], (*eye)[2]}, {(*target)[0], (*target)[1], (*target)[2]}};
   if (glm::length(key.eye - key.target) <= 0)
-    return fail(ErrorCode::kCorrupt,
-                where + ": eye and target are the same point, so there is no direction to look in");
+    return wrong(where, "eye and target are the same point, so there is no direction to look in");
   return key;
 }
 

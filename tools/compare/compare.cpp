@@ -134,14 +134,12 @@ Result<SentFrames> read_sent_frames(const std::string& path) {
 Result<std::vector<RecordedPose>> read_recorded_poses(const std::string& path) {
   std::vector<RecordedPose> poses;
   const Result<void> read = for_each_line(path, [&](const json& line) {
-    RecordedPose pose;
-    pose.sequence = line.at("sequence").get<std::uint64_t>();
-    pose.at = line.at("at").get<std::uint8_t>();
-    pose.of = line.at("of").get<std::uint8_t>();
-    pose.capture_us = line.at("capture_us").get<TimeUs>();
-    pose.channels = line.at("channels").get<std::uint32_t>();
-    pose.coefficients = line.at("coefficients").get<std::vector<double>>();
-    poses.push_back(std::move(pose));
+    poses.push_back({.sequence = line.at("sequence"),
+                     .at = line.at("at"),
+                     .of = line.at("of"),
+                     .capture_us = line.at("capture_us"),
+                     .channels = line.at("channels"),
+                     .coefficients = line.at("coefficients")});
   });
   if (!read) return read.error();
   return poses;
