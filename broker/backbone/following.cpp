@@ -162,15 +162,20 @@ void Following::fetch_surface(const RemotePtr& remote) {
 
 void Following::begin(const RemotePtr& remote) {
   Stream& stream = *remote->stream;
-  if (const auto begun = stream.announce(remote->entry.announce, remote->entry.epoch); !begun) {
+  const DirectoryEntry& entry = remote->entry;
+  if (const auto held = hub_->hold_keys(stream, {"broker " + entry.owner}, entry.announce.format); !held) {
+    remote->phase = Remote::Phase::kWaiting;
+    remote->next_us = environment_.now_us() + settings_.retry_us;
+    return environment_.warn("stream '" + stream.name() + "' is not followed yet: " + held.error().message);
+  }
+  if (const auto begun = stream.announce(entry.announce, entry.epoch); !begun) {
     remote->phase = Remote::Phase::kUnusable;
     return environment_.warn("stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
   }
-  environment_.inform("stream '" + stream.name() + "' of broker " + remote->entry.owner + " is followed, epoch " +
-                      std::to_string(remote->entry.epoch));
+  environment_.inform("stream '" + stream.name() + "' of broker " + entry.owner + " is followed, epoch " +
+                      std::to_string(entry.epoch));
   remote->phase = Remote::Phase::kFollowing;
-  const std::string frames =
-      settings_.prefix + ".frames." + remote->entry.owner + "." + token_from_stream(stream.name());
+  const std::string frames = settings_.prefix + ".frames." + entry.owner + "." + token_from_stream(stream.name());
   remote->subscription =
       link_.subscribe(frames, [this, weak = std::weak_ptr(remote)](const std::string&, Bytes message) {
         if (const auto still = weak.lock()) take(*still, std::move(message));

@@ -93,7 +93,7 @@ void Connection::fill_write_queue() {
 std::size_t Connection::unread_answers() const {
   if (!blocked_ || closing_) return 0;
   std::size_t bytes = outbox_.control_memory();
-  for (const Outbox::Item& item : write_queue_) bytes += item.text ? item.text->size() + Outbox::kTextBytes : 0;
+  for (const Outbox::Item& item : write_queue_) bytes += bytes_of(item).size() + (item.text ? Outbox::kTextBytes : 0);
   return bytes;
 }
 

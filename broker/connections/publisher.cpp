@@ -102,9 +102,9 @@ void Publisher::on_announce(control::Announce announce) {
   const auto secret = new_resume_secret();
   if (!secret) return answer(secret.error());
   resume.issued = resume_proof(*secret, identity.key);
-  const StreamHolder holder{grant().holder(), identity.key.empty() && !identity.local};
-  if (auto admitted = context().hub.admit(*stream_, holder, [this] { return grant().hold(Resource::kSentStream); });
-      !admitted) {
+  const StreamHolder holder{grant().holder(), identity.key.empty() && !identity.local, grant().is_spared()};
+  const auto charge = [this] { return grant().hold(Resource::kSentStream); };
+  if (auto admitted = context().hub.admit(*stream_, holder, announce.format, charge); !admitted) {
     log(context().log, LogLevel::kWarning, name() + ": refused, " + admitted.error().message);
     return refuse(admitted.error(), name_, websocket::CloseCode::kTryAgainLater);
   }

@@ -59,7 +59,8 @@ void Subscriber::subscribe(const control::Subscribe& request) {
                                                  " streams, the most that limits.max_streams_per_connection allows"));
   }
   if (auto taken = watched ? Result<void>() : grant().take(Resource::kStream); !taken) return answer(taken.error());
-  const auto stream = context().hub.open(request.stream, [this] { return grant().hold(Resource::kWaitingStream); });
+  const auto charge = [this] { return grant().hold(Resource::kWaitingStream); };
+  const auto stream = context().hub.open(request.stream, charge, holder());
   if (!stream) {
     if (!watched) grant().give_back(Resource::kStream);
     return answer(stream.error());

@@ -18,13 +18,15 @@ namespace {
 constexpr TimeUs kMinPumpGapUs = 1000;
 
 Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, std::shared_ptr<StreamIds> ids,
-                           std::function<void(Stream&)> on_opened) {
+                           std::shared_ptr<StreamMemory> memory, std::function<void(Stream&)> on_opened) {
   return {.max_streams = static_cast<std::size_t>(config.limits.max_streams),
           .stream = {.max_span_us = config.frames.max_span_ms * 1000,
                      .max_watchers = static_cast<std::uint32_t>(config.limits.max_subscribers_per_stream),
                      .max_profiles = static_cast<std::size_t>(config.limits.max_profiles_per_stream),
                      .taps = std::move(taps),
-                     .max_ahead_us = config.frames.max_ahead_ms * 1000},
+                     .max_ahead_us = config.frames.max_ahead_ms * 1000,
+                     .max_bytes = config.limits.max_stream_bytes,
+                     .memory = std::move(memory)},
           .ids = std::move(ids),
           .on_opened = std::move(on_opened)};
 }
@@ -55,7 +57,7 @@ std::size_t loops_wanted(const Config& config) {
 
 Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
            std::function<void(Stream&)> on_opened)
-    : hub_(hub_settings(config, std::move(taps), siblings.ids, std::move(on_opened))),
+    : hub_(hub_settings(config, std::move(taps), siblings.ids, siblings.memory, std::move(on_opened))),
       context_{shared, io_, config, hub_, turn_, siblings.loops, siblings.last_connection_id},
       io_(1),
       turn_(
@@ -126,13 +128,13 @@ struct Loops::Other {
 };
 
 Loops::Loops(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps)
-    : ids_(std::make_shared<StreamIds>(static_cast<std::size_t>(config.limits.max_waiting_streams))) {
+    : ids_(std::make_shared<StreamIds>(config.limits.max_waiting_streams)) {
   const std::size_t others = loops_wanted(config) - 1;
   if (others > 0) {
     origin_ = std::make_unique<MirrorOrigin>(others, origin_environment());
     taps.push_back(origin_.get());
   }
-  const Loop::Siblings siblings{*this, ids_, last_connection_id_};
+  const Loop::Siblings siblings{*this, ids_, std::make_shared<StreamMemory>(), last_connection_id_};
   first_ = std::make_unique<Loop>(config, shared, siblings, std::move(taps), nullptr);
   for (std::size_t i = 0; i < others; ++i) {
     Other& other = *others_.emplace_back(std::make_unique<Other>(mirror_environment(i)));
@@ -149,7 +151,7 @@ MirrorOrigin::Environment Loops::origin_environment() {
   return {[this](std::size_t index, MirrorEvents events) {
             Other& other = *others_[index];
             asio::post(other.loop->io(), [&other, events = std::move(events)] {
-              other.taken += events.size();
+              for (const MirrorEvent& event : events) other.taken += cost_of(event);
               other.mirrors.take(other.loop->hub(), events, other.loop->context().turn.now_us());
             });
           },

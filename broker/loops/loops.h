@@ -22,6 +22,7 @@ class Loop {
   struct Siblings {
     Loops& loops;
     std::shared_ptr<StreamIds> ids;
+    std::shared_ptr<StreamMemory> memory;
     std::atomic<std::uint64_t>& last_connection_id;
   };
 

@@ -42,7 +42,40 @@ int further_keys(const Profile& profile) {
   return profile.scheme == Profile::Scheme::kCatmullRom ? 1 : 0;
 }
 
+constexpr std::int64_t kFormBytes = 2048;  ///< Of a stream or feed without coefficients.
+
+/// Bytes of a value in a key, and of one that is coded, at most.
+std::pair<std::int64_t, std::int64_t> value_bytes(CodecKind codec) {
+  return {codec == CodecKind::kQuantised ? 4 : 8, codec == CodecKind::kFloat64 ? 8 : 4};
+}
+
 }  // namespace
+
+std::size_t memory_of(const ChainState& state) {
+  const auto values = [](const Key& key) { return sizeof(key.q[0]) * key.q.size() + sizeof(key.f[0]) * key.f.size(); };
+  return values(state.older) + values(state.newer);
+}
+
+std::size_t memory_of(const KeyRecord& record) {
+  return record.payload.size() + memory_of(*record.after);
+}
+
+std::int64_t keys_bytes(const StreamFormat& format) {
+  const auto known = codec_from_name(format.codec);
+  const auto [held, coded] = value_bytes(known ? *known : CodecKind::kFloat64);
+  // The key emitted last and the one before are held as well.
+  const std::int64_t records = kMaxPendingKeys + 2;
+  return kFormBytes + std::int64_t{format.rows} * format.channels * (2 * held + coded) * records;
+}
+
+std::int64_t encoded_bytes(const CoefficientLayout& layout, const Profile& profile) {
+  // A join is two keys; a key and a pose wait for viewers.
+  std::int64_t poses = 3;
+  if (profile.rate != Profile::Rate::kRaw && profile.form == Profile::Form::kFull) ++poses;
+  if (can_prepare_poses(profile)) poses += kMaxPrepared;
+  const auto values = static_cast<std::int64_t>(layout.range(profile.bands - 1u).second);
+  return kFormBytes + values * value_bytes(layout.codec).second * poses;
+}
 
 Feed::Feed(const Profile& profile, const Source& source)
     : profile_(profile),

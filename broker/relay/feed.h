@@ -32,6 +32,16 @@ struct KeyRecord {
 };
 using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 
+/// Bytes of its values.
+std::size_t memory_of(const ChainState& state);
+/// Bytes that it takes beside `before`, which the record before has.
+std::size_t memory_of(const KeyRecord& record);
+
+/// What the keys of a stream take at most, in bytes, those included that feeds hold until they are due.
+std::int64_t keys_bytes(const StreamFormat& format);
+/// What a feed has encoded and viewers have not taken, at most, in bytes. REQUIRES: the layout has the profile's bands.
+std::int64_t encoded_bytes(const CoefficientLayout& layout, const Profile& profile);
+
 /// Decides which frames the subscribers of one profile get in one epoch, and when; encodes each exactly once.
 ///   raw        key s on arrival
 ///   full       synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced

@@ -14,8 +14,8 @@ bool is_idle(const Stream& stream) {
 
 }  // namespace
 
-Result<Stream*> Hub::open(std::string_view name, const Charge& charge) {
-  auto share = settings_.ids->of(name, charge);
+Result<Stream*> Hub::open(std::string_view name, const Charge& charge, const std::string& holder) {
+  auto share = settings_.ids->of(name, charge, holder);
   if (!share) return share.error();
   if (Stream* stream = find(name)) return stream;
   auto made = std::make_unique<Stream>(std::string(name), std::move(*share), settings_.stream);
@@ -24,24 +24,45 @@ Result<Stream*> Hub::open(std::string_view name, const Charge& charge) {
   return stream;
 }
 
-Result<void> Hub::admit(Stream& stream, const StreamHolder& holder, const Charge& charge) {
-  if (stream.charge_ && stream.holder_.key == holder.key) return {};
-  auto charged = charge();
+Result<void> Hub::admit(Stream& stream, const StreamHolder& holder, const StreamFormat& format, const Charge& charge) {
+  const bool known = stream.charge_ && stream.holder_.key == holder.key;
+  auto charged = known ? stream.charge_ : charge();
   if (!charged && make_room(holder, true)) charged = charge();
   if (!charged) return charged.error();
   if (!stream.charge_ && admitted_ >= settings_.max_streams && !make_room(holder, false)) {
     return fail(ErrorCode::kTooLarge, "all " + std::to_string(settings_.max_streams) +
                                           " streams that limits.max_streams allows are in use: raise it, or stop one");
   }
-  discharge(stream);
-  ++admitted_;
+  if (auto held = hold_keys(stream, holder, format); !held) return held;
+  if (!stream.charge_) ++admitted_;
   stream.charge_ = std::move(*charged);
   stream.holder_ = holder;
   return {};
 }
 
+Result<void> Hub::hold_keys(Stream& stream, const StreamHolder& holder, const StreamFormat& format) {
+  const std::string payer = holder.spared ? "" : holder.key;
+  const std::int64_t bytes = keys_bytes(format), max = settings_.stream.max_bytes;
+  Stream::Keys& own = stream.keys_;
+  if (own.payer == payer && own.bytes >= bytes) return {};
+  own.memory.reset();
+  Shares& keys = settings_.stream.memory->keys;
+  bool fits = keys.fits(payer, bytes, max);
+  // Its holder's own poses make room first, then those of others that leave it less than its share.
+  while (!fits && (make_room(holder, true) || (keys.fits(payer, bytes, max, true) && make_room(holder, false)))) {
+    fits = keys.fits(payer, bytes, max);
+  }
+  if (fits) own = {payer, bytes, nullptr};
+  if (own.bytes > 0) own.memory = keys.hold(own.payer, own.bytes);
+  if (fits) return {};
+  return fail(ErrorCode::kTooLarge, "its keys take up to " + std::to_string(bytes) + " bytes, and of the " +
+                                        std::to_string(max) + " that limits.max_stream_bytes allows too few are free " +
+                                        "for one that holds more: send fewer streams or coefficients, or raise it");
+}
+
 void Hub::discharge(Stream& stream) {
   if (std::exchange(stream.charge_, nullptr)) --admitted_;
+  stream.keys_ = {};
 }
 
 Stream* Hub::find(std::string_view name) {

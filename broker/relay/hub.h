@@ -29,10 +29,13 @@ class Hub {
   explicit Hub(const Settings& settings) : settings_(settings) {}
 
   /// Finds or creates the stream. REQUIRES: check_stream_name passed. Errors: those of StreamIds::of().
-  Result<Stream*> open(std::string_view name, const Charge& charge = {});
-  /// Call before a sender of this broker announces: gives the stream one of max_streams, at the cost of `holder`. At a
-  /// limit a stream without publisher and watchers makes room. Errors: kTooLarge (max_streams); those of `charge`.
-  Result<void> admit(Stream& stream, const StreamHolder& holder, const Charge& charge);
+  Result<Stream*> open(std::string_view name, const Charge& charge = {}, const std::string& holder = {});
+  /// Call before a sender of this broker announces: gives the stream one of max_streams and memory for its keys, at the
+  /// cost of `holder`. At a limit streams without publisher and watchers make room. Errors: kTooLarge (max_streams);
+  /// those of `charge` and hold_keys().
+  Result<void> admit(Stream& stream, const StreamHolder& holder, const StreamFormat& format, const Charge& charge);
+  /// The same for memory alone: call before a sender of another broker announces. Errors: kTooLarge (max_bytes).
+  Result<void> hold_keys(Stream& stream, const StreamHolder& holder, const StreamFormat& format);
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`. May destroy the stream.
   void unwatched(Stream& stream);

@@ -6,6 +6,11 @@
 
 namespace eigencast::broker {
 
+std::uint64_t cost_of(const MirrorEvent& event) {
+  const auto* record = std::get_if<KeyRecordPtr>(&event.what);
+  return 1 + (record != nullptr ? memory_of(**record) / 4096 : 0);
+}
+
 MirrorOrigin::MirrorOrigin(std::size_t loops, Environment environment)
     : environment_(std::move(environment)), channels_(loops) {}
 
@@ -82,9 +87,10 @@ void MirrorOrigin::push(std::size_t loop, MirrorEvent event) {
   Channel& channel = channels_[loop];
   if (channel.behind) return;
   channel.waiting.push_back(std::move(event));
-  if (channel.sent + channel.waiting.size() - environment_.taken(loop) > kMaxInFlight) {
+  channel.sent += cost_of(channel.waiting.back());
+  if (channel.sent - environment_.taken(loop) > kMaxInFlight) {
     channel.behind = true;
-    channel.waiting.clear();
+    for (const MirrorEvent& waiting : std::exchange(channel.waiting, {})) channel.sent -= cost_of(waiting);
   }
   arm();
 }
@@ -99,7 +105,6 @@ void MirrorOrigin::flush() {
     Channel& channel = channels_[loop];
     if (channel.behind && environment_.taken(loop) == channel.sent) catch_up(loop);
     if (channel.waiting.empty()) continue;
-    channel.sent += channel.waiting.size();
     environment_.send(loop, std::exchange(channel.waiting, {}));
   }
 }
@@ -110,6 +115,7 @@ void MirrorOrigin::catch_up(std::size_t loop) {
   for (const auto& [name, followed] : followed_) {
     if (!followed.trace_every.contains(loop)) continue;
     channel.waiting.push_back({followed.stream->id(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
+    channel.sent += cost_of(channel.waiting.back());
   }
 }
 

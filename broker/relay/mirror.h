@@ -24,6 +24,8 @@ struct MirrorEvent {
   std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr> what;
 };
 using MirrorEvents = std::vector<MirrorEvent>;
+/// 1, and 1 for each 4 KiB that its key takes.
+std::uint64_t cost_of(const MirrorEvent& event);
 
 struct MirrorRequest {
   enum class Kind : std::uint8_t { kFollow, kRelease, kChanged };
@@ -34,15 +36,15 @@ struct MirrorRequest {
 };
 using MirrorRequests = std::vector<MirrorRequest>;
 
-/// In the senders' loop: sends the events of followed streams to the other loops. A loop with kMaxInFlight unprocessed
-/// events gets no more; once it has processed them, it continues from a snapshot.
+/// In the senders' loop: sends the events of followed streams to the other loops. A loop with unprocessed events that
+/// cost kMaxInFlight gets no more; once it has processed them, it continues from a snapshot.
 class MirrorOrigin final : public StreamTap {
  public:
   static constexpr std::uint64_t kMaxInFlight = 16'384;
 
   struct Environment {
     std::function<void(std::size_t loop, MirrorEvents)> send;
-    std::function<std::uint64_t(std::size_t loop)> taken;  ///< Events that the loop has processed so far.
+    std::function<std::uint64_t(std::size_t loop)> taken;  ///< The cost of what the loop has processed so far.
     std::function<void()> flush_soon;                      ///< Call flush() at the end of this turn.
   };
 

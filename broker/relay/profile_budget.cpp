@@ -33,16 +33,16 @@ std::size_t cost_of(const Profile& profile) {
   return profile.rate == Rate::kEstimated ? profile.k + 1u : profile.k;
 }
 
-Profile nearest_profile(const Profile& asked, std::span<const Profile> served) {
+Profile nearest_profile(const Profile& asked, std::span<const Profile> served, bool common) {
   Profile nearest{Rate::kRaw};
   nearest.bands = asked.bands;
   const auto consider = [&](const Profile& other) {
     if (may_replace(asked, other) && nearness(asked, other) > nearness(asked, nearest)) nearest = other;
   };
-  Profile common = asked;
-  common.k = Profile{}.k;
-  common.scheme = default_scheme(asked.rate);
-  consider(common);
+  Profile usual = asked;
+  usual.k = Profile{}.k;
+  usual.scheme = default_scheme(asked.rate);
+  if (common) consider(usual);
   for (const Profile& other : served) consider(other);
   return nearest;
 }

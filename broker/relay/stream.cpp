@@ -8,7 +8,6 @@
 
 #include "broker/relay/profile_budget.h"
 #include "broker/websocket/protocol.h"
-#include "common/core/share.h"
 #include "common/wire/limits.h"
 
 namespace eigencast::broker {
@@ -47,35 +46,25 @@ void StreamShare::announce() {
 
 Result<std::shared_ptr<void>> StreamShare::take_place(const std::string& holder, std::uint32_t max) {
   const std::lock_guard lock(mutex);
-  const auto mine = places.try_emplace(holder).first;
-  if (mine->second >= share_of(max, watchers, mine->second, holder.empty())) {
-    if (mine->second == 0) places.erase(mine);
-    return fail(ErrorCode::kTooLarge, "this stream has " + std::to_string(watchers) + " watchers, and of the " +
-                                          std::to_string(max) + " that limits.max_subscribers_per_stream allows too " +
-                                          "few are free for one that holds more: try again later");
-  }
-  ++mine->second;
-  ++watchers;
-  return std::shared_ptr<void>(this, [this, mine](void*) {
-    const std::lock_guard lock_again(mutex);
-    --watchers;
-    if (--mine->second == 0) places.erase(mine);
-  });
+  if (watchers.fits(holder, 1, max)) return watchers.hold(holder, 1);
+  return fail(ErrorCode::kTooLarge, "this stream has " + std::to_string(watchers.used()) + " watchers, and of the " +
+                                        std::to_string(max) + " that limits.max_subscribers_per_stream allows too " +
+                                        "few are free for one that holds more: try again later");
 }
 
-Result<std::shared_ptr<void>> StreamIds::pay(const Charge& charge) {
-  if (waiting_ >= max_waiting_) {
-    return fail(ErrorCode::kTooLarge, std::to_string(max_waiting_) +
-                                          " streams are watched that nobody sends, the most that "
-                                          "limits.max_waiting_streams allows: try again once the sender has begun");
+Result<std::shared_ptr<void>> StreamIds::pay(const Charge& charge, const std::string& holder) {
+  if (!waiting_.fits(holder, 1, max_waiting_)) {
+    return fail(ErrorCode::kTooLarge, std::to_string(waiting_.used()) +
+                                          " streams are watched that nobody sends, and of limits.max_waiting_streams " +
+                                          "too few are free for one that watches more: try again later");
   }
   const auto paid = charge();
   if (!paid) return paid;
-  ++waiting_;
-  return std::shared_ptr<void>(paid->get(), [this, paid = *paid](void*) { --waiting_; });
+  return std::shared_ptr<void>(paid->get(), [paid = *paid, counted = waiting_.hold(holder, 1)](void*) {});
 }
 
-Result<std::shared_ptr<StreamShare>> StreamIds::of(std::string_view name, const Charge& charge) {
+Result<std::shared_ptr<StreamShare>> StreamIds::of(std::string_view name, const Charge& charge,
+                                                   const std::string& holder) {
   const std::lock_guard lock(mutex_);
   const auto found = shares_.find(name);
   auto share = found == shares_.end() ? nullptr : found->second.lock();
@@ -87,7 +76,7 @@ Result<std::shared_ptr<StreamShare>> StreamIds::of(std::string_view name, const 
   }
   const std::lock_guard share_lock(share->mutex);
   if (charge && !share->announced && !share->charge) {
-    if (auto stored = store(share->charge, pay(charge)); !stored) return stored.error();
+    if (auto stored = store(share->charge, pay(charge, holder)); !stored) return stored.error();
   }
   if (share->id <= last_) return share;
   last_ = share->id;
@@ -265,7 +254,7 @@ bool Stream::improve(Watcher& watcher) {
   const auto found = watched_.find(&watcher);
   if (found == watched_.end() || found->second.group == nullptr) return false;
   const Profile present = found->second.group->feed.profile(), wanted = found->second.wanted;
-  if (present == effective(wanted) || present == affordable(wanted)) return false;
+  if (present == effective(wanted) || present == affordable(wanted, watcher)) return false;
   return static_cast<bool>(watch(watcher, wanted));
 }
 
@@ -384,26 +373,31 @@ Profile Stream::effective(const Profile& wanted) const {
 }
 
 /// What a new watcher of the profile gets. The `stream` message reports it.
-Profile Stream::affordable(const Profile& wanted) const {
+Profile Stream::affordable(const Profile& wanted, const Watcher& watcher) const {
   const Profile profile = effective(wanted);
-  if (is_common(profile) || groups_.contains(profile)) return profile;
-  std::size_t cost = cost_of(profile);
+  if (groups_.contains(profile)) return profile;
+  std::size_t cost = 0;
   std::vector<Profile> served;
   for (const auto& [other, group] : groups_) {
     served.push_back(other);
     if (!is_common(other)) cost += cost_of(other);
   }
-  return cost <= settings_.max_profiles ? profile : nearest_profile(profile, served);
+  const bool in_budget = is_common(profile) || cost + cost_of(profile) <= settings_.max_profiles;
+  const Profile next = in_budget ? profile : nearest_profile(profile, served, true);
+  const bool fits = groups_.contains(next) ||
+                    settings_.memory->encoded.fits(watcher.holder(), encoded_bytes(layout_, next), settings_.max_bytes);
+  return fits ? next : nearest_profile(profile, served, false);
 }
 
 void Stream::join_group(Watcher& watcher, Watched& watched) {
-  const Profile profile = affordable(watched.wanted);
+  const Profile profile = affordable(watched.wanted, watcher);
   auto& group = groups_[profile];
   if (!group) {
     const VelocityChannels velocities{present_.announced.format.velocity_channels,
                                       present_.announced.format.velocity_us};
     group = std::make_unique<Group>(
         profile, Feed::Source{layout_, velocities, id_, present_.epoch, settings_.max_span_us, settings_.max_ahead_us});
+    group->memory = settings_.memory->encoded.hold(watcher.holder(), encoded_bytes(layout_, profile));
     if (present_.newest) group->feed.begin_at(present_.newest);
   }
   group->watchers.push_back(&watcher);

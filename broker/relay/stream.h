@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "broker/relay/feed.h"
+#include "broker/relay/shares.h"
 #include "broker/relay/tracer.h"
 #include "common/wire/control.h"
 
@@ -25,7 +26,7 @@ class Stream;
 class Watcher {
  public:
   virtual ~Watcher() = default;
-  /// Whose share of a stream's places it takes; empty: its share is spared (common/core/share.h).
+  /// Whose share of a stream's places and of memory it takes (see Shares).
   virtual std::string holder() const { return {}; }
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
@@ -67,11 +68,16 @@ struct StreamShare {
   /// Errors: kTooLarge (none is free; the holder has its share).
   Result<std::shared_ptr<void>> take_place(const std::string& holder, std::uint32_t max);
   const std::uint32_t id;
-  std::atomic<std::uint32_t> watchers{0};  ///< In all loops.
+  Shares watchers;  ///< In all loops.
   std::mutex mutex;
-  std::map<std::string, std::int64_t> places;  ///< GUARDED_BY(mutex) Of watchers, by holder.
-  bool announced = false;                      ///< GUARDED_BY(mutex)
-  std::shared_ptr<void> charge;                ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
+  bool announced = false;        ///< GUARDED_BY(mutex)
+  std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
+};
+
+/// What the streams of a broker hold, in bytes, by estimates from their formats. Thread-safe.
+struct StreamMemory {
+  Shares keys;     ///< Of their senders: keys_bytes().
+  Shares encoded;  ///< Of who asked for the profile first: encoded_bytes().
 };
 
 /// Counts something towards somebody's limit until the pointer ends. Errors: kRefused (the limit is reached).
@@ -81,22 +87,25 @@ using Charge = std::function<Result<std::shared_ptr<void>>()>;
 struct StreamHolder {
   std::string key;
   bool stranger = false;  ///< Without a token, from elsewhere: displaces poses of strangers only.
+  bool spared = false;    ///< May have more than its share.
 };
 
 /// Assigns stream ids: the same in every loop while any loop knows the name, and never reused. Thread-safe. Outlives
 /// the shares.
 class StreamIds {
  public:
-  explicit StreamIds(std::size_t max_waiting = 4096, std::uint32_t last = 0) : max_waiting_(max_waiting), last_(last) {}
-  /// `charge`: of a viewer, taken if nobody has announced the stream and nobody pays for it yet.
-  /// Errors: kTooLarge (max_waiting, no ids left); those of `charge`.
-  Result<std::shared_ptr<StreamShare>> of(std::string_view name, const Charge& charge = {});
+  explicit StreamIds(std::int64_t max_waiting = 4096, std::uint32_t last = 0)
+      : max_waiting_(max_waiting), last_(last) {}
+  /// `charge`: of a viewer, taken if nobody has announced the stream and nobody pays for it yet, from the share of
+  /// `holder`. Errors: kTooLarge (max_waiting, no ids left); those of `charge`.
+  Result<std::shared_ptr<StreamShare>> of(std::string_view name, const Charge& charge = {},
+                                          const std::string& holder = {});
 
  private:
-  Result<std::shared_ptr<void>> pay(const Charge& charge);
+  Result<std::shared_ptr<void>> pay(const Charge& charge, const std::string& holder);
 
-  const std::size_t max_waiting_;
-  std::atomic<std::size_t> waiting_{0};  ///< Shares with a charge.
+  const std::int64_t max_waiting_;
+  Shares waiting_;  ///< Of those who charges are of.
   std::mutex mutex_;
   std::map<std::string, std::weak_ptr<StreamShare>, std::less<>> shares_;  ///< GUARDED_BY(mutex_)
   std::size_t sweep_at_ = 64;                                              ///< GUARDED_BY(mutex_)
@@ -122,6 +131,8 @@ class Stream {
     std::size_t max_profiles = 64;        ///< The budget of profiles that are not common (default: 64).
     std::vector<StreamTap*> taps{};       ///< Each outlives the stream (default: none).
     TimeUs max_ahead_us = 200'000;        ///< Estimates end this long after the newest key (default: 200 ms).
+    std::int64_t max_bytes = Shares::kUnlimited;                              ///< Of each part of `memory`.
+    std::shared_ptr<StreamMemory> memory = std::make_shared<StreamMemory>();  ///< Of all hubs of a broker.
   };
 
   Stream(std::string name, std::uint32_t id, const Settings& settings)
@@ -167,8 +178,8 @@ class Stream {
   void set_mirror_trace(std::uint32_t every);
   void report_count();
 
-  /// Adds a watcher, or changes its profile. Beyond the budget it gets the nearest_profile(); info_for() has what it
-  /// gets. Calls on_stream_changed. Errors: kTooLarge (watchers), kInvalidArgument.
+  /// Adds a watcher, or changes its profile. Beyond the budget, or its share of memory, it gets the nearest_profile();
+  /// info_for() has what it gets. Calls on_stream_changed. Errors: kTooLarge (watchers), kInvalidArgument.
   Result<void> watch(Watcher& watcher, const Profile& profile);
   /// Serves a watcher what it asked for, or nearer, if the budget has come to allow it. Call now and then. Returns
   /// whether anything changed.
@@ -199,7 +210,7 @@ class Stream {
   double key_rate_hz() const { return present_.announced.key_rate_hz; }
   control::StreamInfo::State state() const;
   /// watchers(): in all loops; watchers_here(): in this one.
-  std::uint32_t watchers() const { return share_->watchers.load(std::memory_order_relaxed); }
+  std::uint32_t watchers() const { return static_cast<std::uint32_t>(share_->watchers.used()); }
   std::uint32_t watchers_here() const { return static_cast<std::uint32_t>(watched_.size()); }
   bool has_publisher() const { return publisher_ != nullptr; }
   const StreamHolder& holder() const { return holder_; }  ///< Without key: of no sender here.
@@ -219,6 +230,13 @@ class Stream {
     std::vector<Watcher*> watchers;
     std::vector<FramePtr> pending;  ///< Made, waiting for deliver().
     std::vector<FramePtr> traced;   ///< Sent frames whose traces are due.
+    std::shared_ptr<void> memory;
+  };
+
+  struct Keys {  ///< What is counted for them, set by the hub.
+    std::string payer;
+    std::int64_t bytes = 0;
+    std::shared_ptr<void> memory;
   };
 
   struct Watched {
@@ -228,7 +246,7 @@ class Stream {
   };
 
   Profile effective(const Profile& wanted) const;
-  Profile affordable(const Profile& wanted) const;
+  Profile affordable(const Profile& wanted, const Watcher& watcher) const;
   void join_group(Watcher& watcher, Watched& watched);
   std::shared_ptr<void> forget(const Watcher& watcher);
   void deliver(Group& group);
@@ -252,6 +270,7 @@ class Stream {
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
   StreamHolder holder_;
+  Keys keys_;
   std::string resume_;
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;

@@ -60,13 +60,12 @@ Envelope envelope_of(const KeyRecord& record) {
   return head;
 }
 
-/// The chain's state after `record` as a join frame.
-Result<FramePtr> checkpoint_of(const CoefficientLayout& layout, const KeyRecord& record) {
-  auto payload = encode_join(layout, *record.after);
+/// The chain's state after a key as a join frame.
+Result<FramePtr> checkpoint_of(const CoefficientLayout& layout, Envelope head, const ChainState& after) {
+  auto payload = encode_join(layout, after);
   if (!payload) return payload.error();
-  Envelope head = envelope_of(record);
   head.kind = FrameKind::kJoin;
-  head.bands = record.after->newer.bands;
+  head.bands = after.newer.bands;
   return make_frame(head, *payload);
 }
 
@@ -98,10 +97,11 @@ struct Recorder::Session {
 struct Recorder::Item {
   enum class Kind { kAnnounce, kKey, kEnd } kind = Kind::kKey;
   SessionPtr session{};
-  KeyRecordPtr record{};
-  bool checkpoint = false;        ///< Write the state after this key.
-  bool frame = true;              ///< Write the key itself.
-  std::uint64_t dropped = 0;      ///< Keys dropped before this one.
+  TimeUs arrival_us = 0;
+  Envelope head{};                                 ///< kKey
+  FramePtr frame{};                                ///< The key, without its state. Null: the checkpoint bridges it.
+  std::shared_ptr<const ChainState> checkpoint{};  ///< The state after it. Null: none is due.
+  std::uint64_t dropped = 0;                       ///< Keys dropped before this one.
   control::Announce announced{};  ///< kAnnounce
   CoefficientLayout layout{};
   std::string holder{};
@@ -194,7 +194,9 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   Session& session = *found->second;
   if (session.failed) return;
   if (!session.announced) announce(found->second, stream);
-  const std::size_t bytes = kItemBytes + record->payload.size();
+  const bool gap = session.wants_checkpoint;
+  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
+  const std::size_t bytes = kItemBytes + record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
   if (totals_.queued_bytes + bytes > settings_.max_queued_bytes) {
     ++session.dropped;
     ++session.info.dropped;
@@ -202,13 +204,14 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
     session.wants_checkpoint = true;
     return;
   }
-  const bool gap = std::exchange(session.wants_checkpoint, false);
-  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
+  session.wants_checkpoint = false;
+  const Envelope head = envelope_of(*record);
   if (checkpoint) session.checkpoint_us = record->arrival_us;
   push({.session = found->second,
-        .record = record,
-        .checkpoint = checkpoint,
-        .frame = !gap,
+        .arrival_us = record->arrival_us,
+        .head = head,
+        .frame = gap ? nullptr : make_frame(head, record->payload),
+        .checkpoint = checkpoint ? record->after : nullptr,
         .dropped = std::exchange(session.dropped, 0),
         .bytes = bytes});
 }
@@ -246,7 +249,8 @@ void Recorder::run() {
       items.swap(queue_);
       last = stopping_;
     }
-    for (Item& item : items) {
+    for (; !items.empty(); items.pop_front()) {
+      Item& item = items.front();
       try {
         work(item);
       } catch (const std::exception& exception) {
@@ -391,18 +395,16 @@ void Recorder::write_asset(Session& session) {
 void Recorder::write_key(const Item& item) {
   Session& session = *item.session;
   if (!session.writer) return;
-  if (session.start_us == 0) session.start_us = item.record->arrival_us;
-  const TimeUs time_us = item.record->arrival_us - session.start_us;
+  if (session.start_us == 0) session.start_us = item.arrival_us;
+  const TimeUs time_us = item.arrival_us - session.start_us;
   if (item.dropped > 0) {
     (void)session.writer->gap(time_us, item.dropped);
     const std::string dropped = std::to_string(item.dropped) + " frames dropped";
     log(log_, LogLevel::kWarning, "recording of '" + session.stream + "': the disk is behind, " + dropped);
   }
-  if (item.frame) {
-    (void)session.writer->frame(time_us, make_frame(envelope_of(*item.record), item.record->payload)->message());
-  }
+  if (item.frame) (void)session.writer->frame(time_us, item.frame->message());
   if (item.checkpoint) {
-    const auto join = checkpoint_of(session.layout, *item.record);
+    const auto join = checkpoint_of(session.layout, item.head, *item.checkpoint);
     if (!join) return fail_session(session, join.error());
     (void)session.writer->checkpoint(time_us, (*join)->message());
   }

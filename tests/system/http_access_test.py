@@ -483,6 +483,52 @@ class HttpAccess(unittest.TestCase):
         reader = connect(data, "/v1/subscribe/show")
         self.assertEqual(hear(reader, "stream", "error")["op"], "stream", "who reads is served")
 
+    def test_frames_that_are_not_read_are_limited_in_bytes(self):
+        data, admin = self.start_with_asset("--per-address-unfinished-bytes=2000000", "--sockets-send-buffer-bytes=4608")
+        sender, answer = self.announce_large(data, "show", "camera", "float64")
+        self.assertEqual(answer["op"], "announced", answer)
+        values = struct.pack("<32768d", *(32768 * [1.25]))
+        key = bytes([len(values) & 127 | 128, len(values) >> 7 & 127 | 128, len(values) >> 14]) + values
+        self.assertEqual(len(values), 1 << 18)
+        join = bytes([0, 0, 0, 1, 0]) + bytes([128, 128, 32]) + 2 * values
+        sender.send(frame(BINARY, struct.pack("<BBBIIQQ", 2, 1, 0, 0, 0, 0, 1) + join))
+        count = lambda: sum(client["kind"] == "viewer" for client in json.loads(ask(admin, "GET", "/api/clients")[2])["clients"])
+        for _ in range(16):
+            viewer = Peer(data, "/v1/subscribe/show?rate=raw", "eigencast.v1", receive_buffer=2048)
+            self.addCleanup(viewer.sock.close)
+        self.assertEqual(count(), 16)
+        while count() > 4:
+            time.sleep(0.1)
+        self.assertGreater(count(), 0, "those that fit stay")
+        reader = connect(data, "/v1/subscribe/show?rate=raw", "guest")
+        while (heard := reader.receive())[0] != BINARY:
+            pass
+        self.assertEqual(heard[1][27:], join, "who reads is served")
+
+    def test_memory_of_streams_is_limited_in_bytes(self):
+        data, _ = self.start(f"--access-jwt-secret={SECRET}", "--access-anonymous=nowhere", "--limits-max-stream-bytes=30000000")
+        body, name = payloads.asset()
+        self.assertEqual(ask(data, "PUT", f"/v1/assets/{name}", body, headers={"Authorization": f"Bearer {token('camera')}"})[0], 201)
+        answers = [self.announce_large(data, f"large/{i}", "greedy")[1] for i in range(10)]
+        announced = sum(answer["op"] == "announced" for answer in answers)
+        self.assertIn(announced, (2, 3), "2.75 MB each, of a fifth of 30 MB")
+        self.assertEqual({answer.get("code") for answer in answers[announced:]}, {"too-large"})
+        self.assertEqual(announce(data, "small", "greedy")[1]["op"], "announced")
+        self.assertEqual(self.announce_large(data, "other", "camera")[1]["op"], "announced", "others go on")
+
+        def served(subject, k):
+            viewer = connect(data, f"/v1/subscribe/other?rate=interpolated&k={k}", subject)
+            self.addCleanup(viewer.sock.close)
+            profile = hear(viewer, "stream")["profile"]
+            return (profile["rate"], profile.get("k"))
+
+        got = [served("greedy", k) for k in range(2, 16)]
+        exactly = sum(profile == ("interpolated", k) for profile, k in zip(got, range(2, 16)))
+        self.assertIn(exactly, range(3, 8), "about 1 MB each, of a fifth of 30 MB")
+        self.assertEqual(got[:exactly], [("interpolated", k) for k in range(2, 2 + exactly)])
+        self.assertEqual(got[-1], ("interpolated", 1 + exactly), "the nearest that is served")
+        self.assertEqual(served("guest", 15), ("interpolated", 15), "others get theirs")
+
     def test_unfinished_heads_are_limited_in_bytes(self):
         data, _ = self.start("--per-address-unfinished-bytes=65536")
         large = b"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nX-Large: " + bytes(8192 * b"x")
@@ -502,13 +548,19 @@ class HttpAccess(unittest.TestCase):
     def count_of(self, admin, name):
         return int(float(re.search(rf"^eigencast_broker_{name}_total (\S+)", ask(admin, "GET", "/metrics")[2], re.MULTILINE)[1]))
 
+    def announce_large(self, port, name, subject, codec="quantised"):
+        """A sender of 32,768 coefficients, and what its announcement was answered."""
+        sender = connect(port, f"/v1/publish/{name}", subject)
+        self.addCleanup(sender.sock.close)
+        announced = {"asset": payloads.asset()[1], "key_rate_hz": 50,
+                     "format": {"rows": 4096, "channels": 8, "band_ends": [4096], "codec": codec}}
+        order(sender, "announce", **announced)
+        return sender, hear(sender, "announced", "error")
+
     def large_stream(self, port, name, subject):
         """A sender of 32,768 coefficients, and keys of 30 bytes that change none of them."""
-        sender = connect(port, f"/v1/publish/{name}", subject)
-        announced = {"asset": payloads.asset()[1], "key_rate_hz": 50,
-                     "format": {"rows": 4096, "channels": 8, "band_ends": [4096], "codec": "quantised"}}
-        order(sender, "announce", **announced)
-        self.assertEqual(hear(sender, "announced", "error")["op"], "announced")
+        sender, answer = self.announce_large(port, name, subject)
+        self.assertEqual(answer["op"], "announced", answer)
         pose = lambda kind, i: struct.pack("<BBBIIQQ", kind, 1, 0, 0, 0, i, 1_000_000 + i)
         sender.send(frame(BINARY, pose(2, 0) + bytes([2, 160, 160, 1, 0, 2, 0x9F, 0x9F])))
         return sender, b"".join(frame(BINARY, pose(1, 1 + i) + bytes([3, 1, 0xBF])) for i in range(1500))

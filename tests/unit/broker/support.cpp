@@ -15,6 +15,26 @@ control::Announce small_announce() {
   return announce;
 }
 
+control::Announce large_announce() {
+  control::Announce announce = small_announce();
+  announce.format = {4096, 8, {4096}, "quantised"};
+  return announce;
+}
+
+Bytes large_message(std::uint64_t sequence, TimeUs capture_us) {
+  Bytes message;
+  append_envelope({.kind = sequence == 0 ? FrameKind::kJoin : FrameKind::kKey,
+                   .bands = 1,
+                   .step = {},
+                   .sequence = sequence,
+                   .capture_us = capture_us},
+                  message);
+  const Bytes join{2, 160, 160, 1, 0, 2, 0x9f, 0x9f}, key{3, 1, 0xbf};
+  const Bytes& payload = sequence == 0 ? join : key;
+  message.insert(message.end(), payload.begin(), payload.end());
+  return message;
+}
+
 Key key_number(int i) {
   Key key;
   key.bands = 3;

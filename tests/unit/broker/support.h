@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "broker/relay/stream.h"
@@ -22,6 +23,10 @@ inline const Profile kCompact{Profile::Rate::kInterpolated, 3, Profile::Form::kC
 /// A small stream of two bands and its announcement.
 CoefficientLayout small_layout();
 control::Announce small_announce();
+
+/// A stream of 32,768 coefficients, and the messages of its sender: a join, then keys that change nothing, all short.
+control::Announce large_announce();
+Bytes large_message(std::uint64_t sequence, TimeUs capture_us);
 
 /// Key number `i` of a curved motion.
 Key key_number(int i);
@@ -64,6 +69,8 @@ class FakeAccount {
 /// A receiver that follows docs/protocol.md and counts frames that it cannot decode.
 class FakeReceiver : public Watcher {
  public:
+  explicit FakeReceiver(std::string holder = {}) : holder_(std::move(holder)) {}
+  std::string holder() const override { return holder_; }
   struct Pose {
     Envelope envelope;
     Key key;
@@ -88,6 +95,7 @@ class FakeReceiver : public Watcher {
   /// A pose without payload, computed by the profile's rules.
   Result<Key> made(const Envelope& head) const;
 
+  std::string holder_;
   std::optional<ChainState> state_;
   std::uint64_t newest_ = 0;
   TimeUs newest_us_ = 0;

@@ -16,6 +16,7 @@ using testing::FakeSender;
 using testing::kFull;
 using testing::kInterval;
 using testing::kRaw;
+using testing::large_announce;
 using testing::small_announce;
 
 TEST(HubTest, PumpsStreamsWhenDue) {
@@ -60,13 +61,19 @@ TEST(HubTest, PumpsStreamsWhenDue) {
 
 class RoomTest : public ::testing::Test {
  protected:
+  explicit RoomTest(std::size_t max_streams = 4, std::int64_t max_bytes = Shares::kUnlimited)
+      : hub_({.max_streams = max_streams,
+              .stream = {.max_bytes = max_bytes, .memory = memory_},
+              .ids = std::make_shared<StreamIds>(100)}) {}
+
   /// Whether the sender may announce.
-  Result<void> announce(FakeSender& sender, const std::string& name, const StreamHolder& holder, FakeAccount& account) {
+  Result<void> announce(FakeSender& sender, const std::string& name, const StreamHolder& holder, FakeAccount& account,
+                        const control::Announce& announcement = small_announce()) {
     Stream* stream = hub_.open(name).value();
-    EXPECT_TRUE(stream->claim(sender));
-    auto admitted = hub_.admit(*stream, holder, account.charge());
+    EXPECT_TRUE(stream->has_publisher() || stream->claim(sender));
+    auto admitted = hub_.admit(*stream, holder, announcement.format, account.charge());
     if (admitted) {
-      EXPECT_TRUE(stream->announce(small_announce(), ++epoch_));
+      EXPECT_TRUE(stream->announce(announcement, ++epoch_));
     }
     return admitted;
   }
@@ -84,7 +91,8 @@ class RoomTest : public ::testing::Test {
   }
   bool holds(const std::string& name) { return hub_.find(name) != nullptr; }
 
-  Hub hub_{{.max_streams = 4, .ids = std::make_shared<StreamIds>(100)}};
+  const std::shared_ptr<StreamMemory> memory_ = std::make_shared<StreamMemory>();
+  Hub hub_;
   FakeAccount account_;
   std::uint32_t epoch_ = 0;
   const StreamHolder camera_{"camera"}, other_{"other"}, stranger_{"address", true};
@@ -107,8 +115,8 @@ TEST_F(RoomTest, StreamsStayForWatchersOrHeldPoses) {
 TEST_F(RoomTest, InventedNamesLeaveSendersTheirRoom) {
   FakeAccount viewers;
   std::vector<Stream*> names;
-  std::vector<FakeReceiver> receivers(100);
-  for (std::size_t i = 0; i < 100; ++i) {
+  std::vector<FakeReceiver> receivers(94);
+  for (std::size_t i = 0; i < 94; ++i) {
     names.push_back(hub_.open("invented/" + std::to_string(i), viewers.charge()).value());
     ASSERT_TRUE(names.back()->watch(receivers[i], kRaw));
   }
@@ -119,11 +127,26 @@ TEST_F(RoomTest, InventedNamesLeaveSendersTheirRoom) {
   EXPECT_EQ(announce(senders[4], "invented/0", camera_, account_).error().code, ErrorCode::kTooLarge);
   leave(senders[4], "invented/0");
   leave(senders[3], "3");
-  EXPECT_EQ(viewers.held(), 100u);
+  EXPECT_EQ(viewers.held(), 94u);
   ASSERT_TRUE(announce(senders[4], "invented/0", camera_, account_));
-  EXPECT_EQ(viewers.held(), 99u) << "a sender has announced it";
+  EXPECT_EQ(viewers.held(), 93u) << "a sender has announced it";
   EXPECT_TRUE(hub_.open("one more", viewers.charge()));
   EXPECT_EQ(account_.held(), 4u);
+}
+
+TEST_F(RoomTest, HolderInventsNoMoreNamesThanItsShare) {
+  FakeAccount viewers;
+  for (int holder = 0; holder < 16; ++holder) {
+    const auto invent = [&](int i) {
+      return hub_.open(std::to_string(holder) + "/" + std::to_string(i), viewers.charge(), std::to_string(holder));
+    };
+    EXPECT_TRUE(invent(0)) << holder;
+    int names = 1;
+    while (invent(names)) ++names;
+    EXPECT_LE(names, 26 - holder);
+  }
+  EXPECT_EQ(hub_.open("0/more", viewers.charge(), "0").error().code, ErrorCode::kTooLarge);
+  EXPECT_TRUE(hub_.open("soon", viewers.charge(), "newcomer"));
 }
 
 TEST_F(RoomTest, UnannouncedNameIsChargedWhoeverOpenedIt) {
@@ -131,7 +154,7 @@ TEST_F(RoomTest, UnannouncedNameIsChargedWhoeverOpenedIt) {
   FakeSender sender;
   Stream* stream = hub_.open("a").value();
   ASSERT_TRUE(stream->claim(sender));
-  ASSERT_TRUE(hub_.admit(*stream, camera_, account_.charge()));
+  ASSERT_TRUE(hub_.admit(*stream, camera_, small_announce().format, account_.charge()));
   FakeReceiver receiver;
   ASSERT_TRUE(hub_.open("a", viewers.charge()).value()->watch(receiver, kRaw));
   EXPECT_EQ(viewers.held(), 1u);
@@ -174,6 +197,58 @@ TEST_F(RoomTest, HolderAtLimitGivesUpOldestPose) {
   EXPECT_EQ(flap("c", other_, two).error().code, ErrorCode::kRefused);
   ASSERT_TRUE(flap("watched", camera_, account_)) << "its present sender pays";
   EXPECT_EQ(two.held(), 1u);
+}
+
+const std::int64_t kLargeBytes = keys_bytes(large_announce().format);
+
+class KeysTest : public RoomTest {
+ protected:
+  KeysTest() : RoomTest(100, 22 * kLargeBytes) {}
+  Result<void> announce_large(FakeSender& sender, const std::string& name, const StreamHolder& holder) {
+    return announce(sender, name, holder, account_, large_announce());
+  }
+};
+
+TEST_F(KeysTest, HolderHasAShareOfTheirMemory) {
+  std::array<FakeSender, 7> senders;
+  for (std::size_t i = 0; i < 4; ++i) ASSERT_TRUE(announce_large(senders[i], std::to_string(i), camera_));
+  EXPECT_EQ(announce_large(senders[4], "4", camera_).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(account_.held(), 4u) << "nothing is counted of what was refused";
+  ASSERT_TRUE(announce(senders[4], "4", camera_, account_)) << "a small one";
+  EXPECT_EQ(announce_large(senders[4], "4", camera_).error().code, ErrorCode::kTooLarge) << "it becomes large";
+  EXPECT_EQ(memory_->keys.used(), 4 * kLargeBytes + keys_bytes(small_announce().format));
+  ASSERT_TRUE(announce_large(senders[0], "0", camera_)) << "once more the same";
+  ASSERT_TRUE(announce_large(senders[5], "5", other_)) << "others have theirs";
+  leave(senders[0], "0");
+  ASSERT_TRUE(announce_large(senders[4], "4", camera_)) << "its oldest pose makes room";
+  EXPECT_FALSE(holds("0"));
+  const StreamHolder own_machine{"loopback", false, true};
+  std::array<FakeSender, 20> many;
+  std::size_t announced = 0;
+  while (announce_large(many[announced], "own/" + std::to_string(announced), own_machine)) ++announced;
+  EXPECT_EQ(announced, 15u) << "all but a sixteenth";
+}
+
+TEST_F(KeysTest, HeldPosesLeaveNewcomersTheirShare) {
+  for (int i = 0; i < 50; ++i) {
+    FakeSender sender;
+    const StreamHolder holder{"holder " + std::to_string(i)};
+    ASSERT_TRUE(announce_large(sender, std::to_string(i), holder)) << i;
+    leave(sender, std::to_string(i));
+    EXPECT_LE(memory_->keys.used(), 22 * kLargeBytes);
+  }
+  EXPECT_GT(hub_.size(), 10u) << "no more of them go than need to";
+}
+
+TEST_F(KeysTest, StreamsOfOtherBrokersCount) {
+  const auto hold = [this](int name, const char* broker) {
+    return hub_.hold_keys(**hub_.open(std::to_string(name)), {broker}, large_announce().format);
+  };
+  for (int i = 0; i < 4; ++i) ASSERT_TRUE(hold(i, "broker a"));
+  EXPECT_EQ(hold(4, "broker a").error().code, ErrorCode::kTooLarge);
+  EXPECT_TRUE(hold(4, "broker b"));
+  for (int i = 0; i < 5; ++i) hub_.unwatched(*hub_.find(std::to_string(i)));
+  EXPECT_EQ(memory_->keys.used(), 0);
 }
 
 TEST(StreamIdsTest, RefuseToWrap) {

@@ -19,6 +19,8 @@ using testing::FakeSender;
 using testing::key_number;
 using testing::kFull;
 using testing::kRaw;
+using testing::large_announce;
+using testing::large_message;
 using testing::small_announce;
 using State = control::StreamInfo::State;
 
@@ -84,7 +86,7 @@ class MirrorTest : public ::testing::Test {
       if (away.inbox.empty()) return false;
       const MirrorEvents events = std::move(away.inbox.front());
       away.inbox.pop_front();
-      away.taken += events.size();
+      for (const MirrorEvent& event : events) away.taken += cost_of(event);
       away.mirrors->take(*away.hub, events, now_);
       away.hub->deliver();
     }
@@ -112,7 +114,7 @@ class MirrorTest : public ::testing::Test {
     stream_ = origin_->open("a").value();
     ASSERT_TRUE(stream_->claim(sender_));
     sender_.begin_anew();
-    ASSERT_TRUE(origin_->admit(*stream_, {"sender"}, account_.charge()));
+    ASSERT_TRUE(origin_->admit(*stream_, {"sender"}, small_announce().format, account_.charge()));
     ASSERT_TRUE(stream_->announce(small_announce(), ++epoch_));
   }
   void publish() {
@@ -284,6 +286,34 @@ TEST_F(MirrorTest, SlowLoopResumesFromSnapshot) {
   flush();
   EXPECT_EQ(viewer.poses.back().key, key_number(keys_ - 1));
   EXPECT_EQ(viewer.undecodable, 0);
+}
+
+TEST_F(MirrorTest, SlowLoopHoldsFewLargeKeys) {
+  begin();
+  Viewer viewer;
+  watch(viewer, 1, kRaw);
+  ASSERT_TRUE(stream_->announce(large_announce(), ++epoch_));
+  flush();
+  for (std::uint64_t i = 0; i < 1000; ++i) {
+    now_ += 1000;
+    ASSERT_TRUE(stream_->add_frame(large_message(i, now_), now_));
+    step(0);
+  }
+  std::size_t bytes = 0;
+  for (const MirrorEvents& events : away_[0].inbox) {
+    for (const MirrorEvent& event : events) {
+      const auto* record = std::get_if<KeyRecordPtr>(&event.what);
+      if (record != nullptr) bytes += memory_of(**record);
+    }
+  }
+  EXPECT_LE(bytes, 64u << 20) << "of 262 MB";
+  EXPECT_GT(bytes, 32u << 20);
+  flush();
+  now_ += 1000;
+  ASSERT_TRUE(stream_->add_frame(large_message(1000, now_), now_));
+  mirrored_->flush();
+  flush();
+  EXPECT_EQ(viewer.watched->snapshot().newest->sequence, 1000u) << "it goes on";
 }
 
 TEST_F(MirrorTest, NamesAreChargedOnceInAllLoops) {

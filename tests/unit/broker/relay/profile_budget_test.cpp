@@ -155,5 +155,41 @@ TEST_F(StreamBudgetTest, ViewerGetsItsProfileOnceThereIsRoom) {
   EXPECT_FALSE(limited_.improve(late));
 }
 
+TEST_F(StreamBudgetTest, MemoryOfProfilesIsShared) {
+  Stream::Settings settings;
+  settings.max_bytes = 100'000;
+  settings.max_profiles = 10'000;
+  Stream stream("a", 7, settings);
+  ASSERT_TRUE(stream.claim(sender_));
+  ASSERT_TRUE(stream.announce(small_announce(), ++epoch_));
+  const std::vector<Profile> all = all_profiles();
+  std::vector<FakeReceiver> greedy(all.size(), FakeReceiver("greedy"));
+  for (std::size_t i = 0; i < all.size(); ++i) ASSERT_TRUE(stream.watch(greedy[i], all[i]));
+  const Shares& encoded = settings.memory->encoded;
+  const std::int64_t each = encoded_bytes(small_layout(), raw(2));
+  EXPECT_LE(encoded.used(), settings.max_bytes / 4 + 2 * each) << "and raw keys, which nobody is refused";
+  EXPECT_GE(encoded.used(), settings.max_bytes / 5 - 2 * each);
+  FakeReceiver modest("modest"), refused("greedy");
+  const Profile asked = full(14);
+  ASSERT_TRUE(stream.watch(modest, asked));
+  EXPECT_EQ(modest.infos.back().profile, full(14, 2)) << "others have theirs";
+  ASSERT_TRUE(stream.watch(refused, full(13)));
+  EXPECT_NE(refused.infos.back().profile, full(13, 2));
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(stream.add_frame(sender_.next(now_), now_));
+    for (const TimeUs end = now_ + kInterval; now_ < end; now_ += 1000) stream.pump(now_);
+  }
+  for (const FakeReceiver& receiver : greedy) {
+    EXPECT_EQ(receiver.undecodable, 0);
+    EXPECT_FALSE(receiver.poses.empty());
+  }
+  for (FakeReceiver& receiver : greedy) stream.unwatch(receiver);
+  EXPECT_TRUE(stream.improve(refused));
+  EXPECT_EQ(refused.infos.back().profile, full(13, 2));
+  stream.unwatch(refused);
+  stream.unwatch(modest);
+  EXPECT_EQ(encoded.used(), 0);
+}
+
 }  // namespace
 }  // namespace eigencast::broker

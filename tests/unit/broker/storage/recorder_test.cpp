@@ -25,6 +25,8 @@ using testing::FakeAccount;
 using testing::FakeSender;
 using ::testing::HasSubstr;
 using testing::key_number;
+using testing::large_announce;
+using testing::large_message;
 using testing::small_announce;
 using testing::small_layout;
 
@@ -190,6 +192,25 @@ TEST_F(RecorderTest, SlowDiskDropsAndBridgesFrames) {
   EXPECT_EQ(all.size() + dropped, 503u) << "and all that was taken can be decoded";
 }
 
+TEST_F(RecorderTest, QueueHoldsNoStatesOfLargeStreams) {
+  start();
+  ASSERT_TRUE(stream_->announce(large_announce(), ++epoch_));
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  std::vector<std::weak_ptr<const KeyRecord>> records;
+  for (std::uint64_t i = 0; i < 300; ++i) {
+    now_us_ += 1000;
+    ASSERT_TRUE(stream_->add_frame(large_message(i, now_us_), now_us_));
+    records.push_back(stream_->snapshot().newest);
+  }
+  const auto held = std::count_if(records.begin(), records.end(), [](const auto& record) { return !record.expired(); });
+  EXPECT_EQ(held, 1) << "the stream's own, with 262 kB of values";
+  ASSERT_TRUE(recorder_->stop("lab/horse"));
+  end();
+  auto reader = recording::Reader::open(files().at(0));
+  ASSERT_TRUE(reader);
+  EXPECT_EQ(reader->info().frames, 299u) << "a checkpoint holds the first";
+}
+
 TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {
   settings_.include_asset = true;
   const Sha256 chunk = put(Bytes(1000, 7));
@@ -240,7 +261,7 @@ TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
     auto& sender = senders_.emplace_back();
     Stream& stream = *hub.open(name).value();
     EXPECT_TRUE(stream.claim(sender));
-    EXPECT_TRUE(hub.admit(stream, {holder, false}, FakeAccount().charge()));
+    EXPECT_TRUE(hub.admit(stream, {holder, false}, small_announce().format, FakeAccount().charge()));
     control::Announce announce = small_announce();
     announce.asset = put(Bytes(asset_bytes, static_cast<std::uint8_t>(name.size()))).hex();
     EXPECT_TRUE(stream.announce(announce, ++epoch_));
