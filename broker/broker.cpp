@@ -134,7 +134,8 @@ Broker::Broker(const Config& config, Security security, std::string version, Log
       deadline_(loop().get_executor()),
       watchdog_(loop().get_executor()),
       data_listener_(loop(), log, [this](Socket socket) { accept(std::move(socket)); }),
-      admin_listener_(loop(), log, [this](Socket socket) { serve_admin(context(), std::move(socket)); }) {
+      admin_listener_(loop(), log,
+                      [this](Socket socket) { serve_admin(context(), std::move(socket), admin_connections_); }) {
   warn_about_security();
 }
 

@@ -77,6 +77,7 @@ class Broker {
   SoleOwnership alone_;
   std::unique_ptr<Member> member_;  ///< Null: no backbone.
   asio::thread_pool disk_;
+  Shares admin_connections_;
   Loops loops_;  // Pending handlers end with the loops and need the members above.
   Timer tick_;
   Timer deadline_;

@@ -99,6 +99,7 @@ class Download : public std::enable_shared_from_this<Download> {
 
   void send_chunk() {
     if (at_ == end_) return connection_->finish(connection_->can_keep_alive());
+    if (grant_.has_expired(std::time(nullptr)) || grant_.is_void()) return connection_->close();
     chunk_.resize(std::min<std::uint64_t>(kChunkBytes, end_ - at_));
     connection_->on_disk([this] { return read_at(object_->file.get(), at_, chunk_); },
                          [self = shared_from_this()](const Result<std::size_t>& count) {

@@ -47,25 +47,6 @@ bool offers_subprotocol(std::string_view header) {
   return std::any_of(parts.begin(), parts.end(), [](auto part) { return trimmed(part) == control::kSubprotocol; });
 }
 
-/// One try without waiting: nobody who is turned away lingers. What has come is read, since a close before that resets.
-void turn_away(Context& context, Transport transport, const Denial& denial) {
-  ++context.counters.connections_refused;
-  log(context.log, LogLevel::kInfo,
-      "turned away " + peer_of(transport.socket()).text() + " (" + std::to_string(denial.status) +
-          "): " + denial.message);
-  if (transport.is_tls()) return;  // No handshake for whom there is no room.
-  const std::string body = R"({"error":"refused","message":")" + denial.message + "\"}\n";
-  const std::string answer =
-      "HTTP/1.1 " + std::to_string(denial.status) +
-      (denial.status == 429 ? " Too Many Requests" : " Service Unavailable") +
-      "\r\nRetry-After: " + std::to_string(denial.retry_after_s) +
-      "\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) +
-      "\r\n\r\n" + body;
-  transport.send({reinterpret_cast<const std::uint8_t*>(answer.data()), answer.size()});
-  transport.end_writing();
-  transport.read(context.read_buffer);
-}
-
 // Functions that return false have answered with a refusal.
 class HttpSession final : public HttpConnection {
  public:
@@ -279,6 +260,24 @@ class HttpSession final : public HttpConnection {
 };
 
 }  // namespace
+
+void turn_away(Context& context, Transport transport, const Denial& denial) {
+  ++context.counters.connections_refused;
+  log(context.log, LogLevel::kInfo,
+      "turned away " + peer_of(transport.socket()).text() + " (" + std::to_string(denial.status) +
+          "): " + denial.message);
+  if (transport.is_tls()) return;  // No handshake for whom there is no room.
+  const std::string body = R"({"error":"refused","message":")" + denial.message + "\"}\n";
+  const std::string answer =
+      "HTTP/1.1 " + std::to_string(denial.status) +
+      (denial.status == 429 ? " Too Many Requests" : " Service Unavailable") +
+      "\r\nRetry-After: " + std::to_string(denial.retry_after_s) +
+      "\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: " + std::to_string(body.size()) +
+      "\r\n\r\n" + body;
+  transport.send({reinterpret_cast<const std::uint8_t*>(answer.data()), answer.size()});
+  transport.end_writing();
+  transport.read(context.read_buffer);  // A close before that resets.
+}
 
 void serve_data(Context& context, Transport transport) {
   const auto open = static_cast<std::int64_t>(context.loops.connections_total());

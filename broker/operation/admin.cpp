@@ -12,6 +12,7 @@
 #include "broker/backbone/backbone.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_connection.h"
+#include "broker/http/http_session.h"
 #include "broker/loops/loops.h"
 #include "broker/operation/metrics.h"
 #include "broker/relay/hub.h"
@@ -25,6 +26,7 @@ namespace {
 using nlohmann::json;
 
 constexpr std::int64_t kTimeoutMs = 5'000;
+constexpr std::int64_t kMaxConnections = 64;
 constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;  ///< Ignored: parameters are in the query.
 
 double seconds(TimeUs us) {
@@ -138,7 +140,8 @@ std::string broker_report(const Context& context, const Statistics& statistics) 
 
 class AdminSession final : public HttpConnection {
  public:
-  AdminSession(Context& context, Socket socket) : HttpConnection(context, Transport(std::move(socket))) {}
+  AdminSession(Context& context, Socket socket, std::shared_ptr<void> counted)
+      : HttpConnection(context, Transport(std::move(socket))), counted_(std::move(counted)) {}
 
  private:
   Limits limits() const override { return {kTimeoutMs, kTimeoutMs, kMaxBodyBytes, "64 KiB", false}; }
@@ -296,12 +299,17 @@ class AdminSession final : public HttpConnection {
 
   std::string path_;
   std::string query_;
+  std::shared_ptr<void> counted_;
 };
 
 }  // namespace
 
-void serve_admin(Context& context, Socket socket) {
-  std::make_shared<AdminSession>(context, std::move(socket))->start();
+void serve_admin(Context& context, Socket socket, Shares& open) {
+  const std::string peer = peer_of(socket).limit_key();
+  if (!open.fits(peer, 1, kMaxConnections)) {
+    return turn_away(context, Transport(std::move(socket)), {429, "too many connections of the admin port", 1});
+  }
+  std::make_shared<AdminSession>(context, std::move(socket), open.hold(peer, 1))->start();
 }
 
 }  // namespace eigencast::broker

@@ -279,6 +279,46 @@ class HttpAccess(unittest.TestCase):
         stranger.socket.settimeout(0.05)
         self.assertRaises(TimeoutError, stranger.socket.recv, 4096)
 
+    def test_a_download_ends_when_its_token_is_revoked(self):
+        tokens, token = self.fixed_token()
+        port, admin = self.start(f"--access-tokens-file={tokens}")
+        body, auth = bytes(64 << 20), {"Authorization": f"Bearer {token}"}
+        self.assertEqual(ask(port, "PUT", asset_of(body), body, headers=auth)[0], 201)
+        lost = socket.socket()
+        self.addCleanup(lost.close)
+        lost.settimeout(60)
+        lost.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        lost.connect(("127.0.0.1", port))
+        lost.sendall(f"GET {asset_of(body)} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\n\r\n".encode())
+        self.assertIn(b" 200 ", lost.recv(1000))
+        tokens.write_text("# taken out\n")
+        self.broker.process.send_signal(signal.SIGHUP)
+        while "eigencast_broker_reloads_total 1" not in ask(admin, "GET", "/metrics")[2]:
+            time.sleep(0.01)
+        rest = 0
+        with contextlib.suppress(ConnectionResetError):
+            while part := lost.recv(1 << 20):
+                rest += len(part)
+        self.assertLess(rest, len(body) // 2, "what the kernel had taken")
+
+    def test_one_address_leaves_connections_of_the_admin_port_to_others(self):
+        _, admin = self.start()
+        held = [socket.create_connection(("127.0.0.1", admin), timeout=60) for _ in range(100)]
+        for one in held:
+            self.addCleanup(one.close)
+        refused = set()
+        while len(refused) < 80:
+            ready = select.select(set(held) - refused, [], [], 60)[0]
+            self.assertTrue(ready, "those beyond its share are closed at once")
+            for one in ready:
+                self.assertIn(b" 429 ", one.recv(4096))
+                refused.add(one)
+        self.assertEqual(ask(admin, "GET", "/livez", source="127.0.0.2")[0], 200)
+        for one in held:
+            one.close()
+        while ask(admin, "GET", "/livez")[0] != 200:
+            time.sleep(0.01)  # Until the broker has noticed.
+
     def test_a_claimed_or_rebound_address_is_not_local(self):
         data, admin = self.start("--proxy-trusted=127.0.0.0/8", "--access-monitors=127.0.0.0/8", "--access-hosts=broker")
         for port, target in ((data, "/v1/streams"), (admin, "/api/clients"), (admin, "/metrics")):
