@@ -82,7 +82,8 @@ bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
          listings.is_idle(now_us) && work.is_idle(now_us) && handshakes.is_idle(now_us) &&
-         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us);
+         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us) &&
+         announcements.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -272,6 +273,14 @@ std::optional<TimeUs> Grant::take_loop_time(RateLimiter Account::*limiter, doubl
   const Holder& holder = holders_.back();
   const auto per_s = static_cast<double>(policy_->quota(holder.is_token).work_us_per_s);
   return ((*holder.account).*limiter).take(us, per_s, per_s * kWorkAtOnceS, now_us, max_wait_us);
+}
+
+Result<void> Grant::take_announcement(TimeUs now_us) {
+  RateLimiter& rate = holders_.back().account->announcements;
+  if (rate.take(1, kAnnouncementsPerHour / 3600, kAnnouncementsPerHour, now_us)) return {};
+  return fail(ErrorCode::kRefused, label() + " has announced streams too often, more than " +
+                                       std::to_string(static_cast<int>(kAnnouncementsPerHour)) +
+                                       " times in an hour: try again in a minute");
 }
 
 Result<TimeUs> Grant::take_request(double listing, TimeUs now_us, TimeUs max_wait_us) {

@@ -60,6 +60,7 @@ struct Account {
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
   RateLimiter failures;
+  RateLimiter announcements;
   bool is_idle(TimeUs now_us) const;
 };
 
@@ -127,6 +128,9 @@ class Grant {
   std::optional<TimeUs> take_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
   /// The same for a TLS handshake, apart: newcomers must not delay the messages of those that are in.
   std::optional<TimeUs> take_handshake(TimeUs now_us, TimeUs max_wait_us);
+  /// An epoch: there are four billions, for all time. At most kAnnouncementsPerHour. Errors: as take().
+  Result<void> take_announcement(TimeUs now_us);
+  static constexpr double kAnnouncementsPerHour = 36'000;
   /// An HTTP request, and what a list costs beyond one, in requests: lists have as many a second to themselves, so that
   /// they delay nothing else. Returns how long the answer must wait, up to max_wait_us.
   Result<TimeUs> take_request(double listing, TimeUs now_us, TimeUs max_wait_us);

@@ -247,8 +247,9 @@ void Backbone::try_claim(const std::string& name) {
   const Directory::Known* known = directory_.find(name);
   const Stream* stream = hub_->find(name);
   // A row is forgotten in time; what viewers here have seen is not.
-  const std::uint32_t above =
-      std::max(known != nullptr && known->entry ? known->entry->epoch : 0, stream != nullptr ? stream->epoch() : 0);
+  const std::uint32_t of_row = known != nullptr && known->entry ? known->entry->epoch : 0;
+  // A row may end at kMaxForeignEpoch; one above it would be believed by nobody.
+  const std::uint32_t above = std::max(of_row < kMaxForeignEpoch ? of_row : 0, stream != nullptr ? stream->epoch() : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
     if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
     return grant(name, epoch_apart(above));

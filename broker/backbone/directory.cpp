@@ -5,6 +5,7 @@
 #include <tuple>
 
 #include "broker/config/config.h"
+#include "broker/relay/ownership.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
@@ -44,7 +45,7 @@ Result<DirectoryEntry> entry_from_text(std::string_view text) {
   DirectoryEntry entry;
   entry.owner = owner->get<std::string>();
   if (!is_broker_id(entry.owner)) return corrupt("owner");
-  if (epoch->get<std::uint64_t>() == 0 || epoch->get<std::uint64_t>() > UINT32_MAX) return corrupt("epoch");
+  if (epoch->get<std::uint64_t>() == 0 || epoch->get<std::uint64_t>() > kMaxForeignEpoch) return corrupt("epoch");
   entry.epoch = epoch->get<std::uint32_t>();
   entry.live = live->get<bool>();
   const auto message = control_from_text(announce->get<std::string>());

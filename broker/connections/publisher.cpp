@@ -99,6 +99,9 @@ void Publisher::on_announce(control::Announce announce) {
     return answer(fail(ErrorCode::kNotFound,
                        "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
+  if (auto taken = grant().take_announcement(context().turn.now_us()); !taken) {
+    return refuse(taken.error(), name_, websocket::CloseCode::kTryAgainLater);
+  }
   const auto secret = new_resume_secret();
   if (!secret) return answer(secret.error());
   resume.issued = resume_proof(*secret, identity.key);

@@ -13,6 +13,9 @@
 
 namespace eigencast::broker {
 
+/// Brokers believe no greater one of others: those who follow must find some above.
+inline constexpr std::uint32_t kMaxForeignEpoch = UINT32_MAX - (1u << 20);
+
 /// Generates growing epochs, across restarts as well: blocks are reserved ahead. An epoch is at least the number
 /// of seconds since 2026-01-01, so epochs also grow across brokers whose wall clocks agree, and where the disk is full:
 /// what could not be reserved is given all the same. Not thread-safe.

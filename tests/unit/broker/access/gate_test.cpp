@@ -694,6 +694,17 @@ TEST_F(GateTest, UnfinishedBytesAreLimited) {
   EXPECT_TRUE(a->hold_bytes(60'000));
 }
 
+TEST_F(GateTest, HolderUsesUpFewEpochs) {
+  const auto first = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
+  for (double i = 0; i < Grant::kAnnouncementsPerHour; ++i) ASSERT_TRUE(first->take_announcement(kSecond));
+  const auto again = let_in(request_from("2.2.2.2", token_for("a", {}, {"**"})));
+  EXPECT_EQ(again->take_announcement(kSecond).error().code, ErrorCode::kRefused) << "whatever the connection";
+  EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})))->take_announcement(kSecond));
+  EXPECT_TRUE(again->take_announcement(2 * kSecond)) << "more come with time";
+  // All epochs last one that never stops for longer than the software does.
+  EXPECT_GT(4e9 / (24 * Grant::kAnnouncementsPerHour), 10 * 365);
+}
+
 TEST_F(GateTest, CrowdsLeaveUnfinishedBytesToNewcomers) {
   config_.limits.max_unfinished_bytes = 256 << 20;
   std::vector<std::shared_ptr<void>> held;

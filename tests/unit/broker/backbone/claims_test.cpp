@@ -136,6 +136,27 @@ TEST_F(ClaimsTest, StreamOfDeadBrokerIsTakenOver) {
   EXPECT_EQ(viewer.undecodable, 0);
 }
 
+TEST_F(ClaimsTest, InventedEpochBlocksNoName) {
+  for (const std::uint32_t invented : {UINT32_MAX, UINT32_MAX - 1, kMaxForeignEpoch + 1, kMaxForeignEpoch}) {
+    const std::string name = std::to_string(invented);
+    add_site("liar" + name);
+    Site& liar = *sites.back();
+    pass(1'000'000);
+    const DirectoryEntry lie{"liar" + name, invented, true, small_announce()};
+    liar.link.write_row(name, text_from_entry(lie), 0, [](const Result<std::uint64_t>&) {});
+    network.run();
+    liar.link.cut();
+    pass(2 * Directory::kHeartbeatTimeoutUs);
+    FakeReceiver& viewer = new_viewer();
+    watch(a(), viewer, name);
+    SiteSender& sender = new_sender();
+    publish(sender, b(), name);
+    pass(1'000'000);
+    EXPECT_LT(sender.stream->epoch(), 1000u) << invented;
+    EXPECT_EQ(viewer.infos.back().state, State::kLive) << "others see it";
+  }
+}
+
 std::string proof(int number) {
   return number == 0 ? std::string() : "proof of secret " + std::to_string(number);
 }

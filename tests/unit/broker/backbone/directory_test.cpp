@@ -44,7 +44,7 @@ TEST(Directory, HostileEntriesAreRefused) {
   };
   EXPECT_TRUE(entry_from_text(good));
   EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":0")));
-  EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":4294967296")));
+  EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":4294967295")));
   EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":-1")));
   EXPECT_FALSE(entry_from_text(with("\"live\":true", "\"live\":1")));
   EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"\"")));

@@ -33,7 +33,9 @@ Backbone::Environment Site::environment() {
   around.next_epoch = [this](std::uint32_t above) -> Result<std::uint32_t> {
     return last_epoch_ = std::max(above, last_epoch_) + 1;
   };
-  around.note_epoch = [this](std::uint32_t seen) { last_epoch_ = std::max(last_epoch_, seen); };
+  around.note_epoch = [this](std::uint32_t seen) {
+    if (seen < 1'000'000) last_epoch_ = std::max(last_epoch_, seen);  // As EpochSource.
+  };
   around.replaces = [this] { return replaces_; };
   around.frames_came = [] {};
   return around;
