@@ -151,6 +151,7 @@ Broker::~Broker() {
   data_listener_.close();
   admin_listener_.close();
   disk_.join();
+  background_.join();
 }
 
 Result<void> Broker::listen(const InheritedSockets& inherited) {
@@ -177,7 +178,8 @@ void Broker::run() {
   context().drain = [this] { stop(); };
   if (member_) {
     const auto replaces = [this] { return config().streams.second_sender == "replace"; };
-    member_->start({loop(), disk_, epochs_, loops_.first().hub(), replaces, [this] { loops_.first().arm_schedule(); }});
+    member_->start(
+        {loop(), background_, epochs_, loops_.first().hub(), replaces, [this] { loops_.first().arm_schedule(); }});
   }
   tick();
   watch();
@@ -191,6 +193,12 @@ void Broker::tick() {
   run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
   epochs_.reserve_ahead(unix_now_s());
   loops_.tick();
+  if (!std::exchange(noting_, true)) {
+    asio::post(background_, [this] {
+      assets_->note_uses();
+      asio::post(loop(), [this] { noting_ = false; });
+    });
+  }
   if (++ticks_ % 10 == 0) service_manager::notify("STATUS=" + status());
 }
 

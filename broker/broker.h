@@ -75,7 +75,8 @@ class Broker {
   Recorder recorder_;
   EpochSource epochs_;
   SoleOwnership alone_;
-  std::unique_ptr<Member> member_;  ///< Null: no backbone.
+  std::unique_ptr<Member> member_;   ///< Null: no backbone.
+  asio::thread_pool background_{1};  ///< Assets for other brokers, uses of assets: clients never wait for it.
   asio::thread_pool disk_;
   Shares admin_connections_;
   Loops loops_;  // Pending handlers end with the loops and need the members above.
@@ -83,6 +84,7 @@ class Broker {
   Timer deadline_;
   Timer watchdog_;
   int ticks_ = 0;
+  bool noting_ = false;  ///< background_ notes uses of assets.
   Listener data_listener_;
   Listener admin_listener_;
   std::function<Result<Config>()> load_;

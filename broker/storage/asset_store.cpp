@@ -7,13 +7,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
 #include <filesystem>
 #include <random>
 #include <system_error>
-#include <thread>
 #include <unordered_set>
 #include <utility>
 
@@ -32,7 +32,6 @@ Error io_error(const std::string& what, int number) {
 }
 
 constexpr std::uint64_t kMaxListBytes = 4u << 20;  ///< Manifests are far smaller.
-constexpr std::size_t kSearchedAtOnce = 16u << 10;
 /// Period of updates of a file's times, which keep its last use across restarts.
 constexpr TimeUs kTouchUs = 60'000'000;
 
@@ -61,6 +60,39 @@ Result<FileHandle> locked(const std::string& data_dir) {
     return fail(ErrorCode::kRefused, data_dir + " is in use by another broker: stop it, or choose another --data-dir");
   }
   return lock;
+}
+
+constexpr std::string_view kManifestMagic = "ECASSET\n";
+
+/// The ids of chunks and sections of a manifest (docs/asset-format.md). Safe on hostile input, of which it takes none.
+std::vector<Sha256> ids_of_manifest(ByteView bytes) {
+  std::vector<Sha256> ids;
+  ByteReader in(bytes);
+  const auto take_id = [&](std::size_t bytes_before) {
+    in.bytes(bytes_before);
+    const ByteView digest = in.bytes(sizeof(Sha256::digest));
+    std::copy(digest.begin(), digest.end(), ids.emplace_back().digest.begin());
+  };
+  in.bytes(kManifestMagic.size());
+  const std::uint32_t version = in.u32();
+  in.u32();  // Vertices.
+  const std::size_t rank = in.u32();
+  in.u64();  // Those of the base; faces.
+  const std::size_t exact = in.u32();
+  if (version != 1 || rank > 4096 || exact > rank) return {};
+  in.bytes(in.u8() * std::size_t{4});  // Bands.
+  in.bytes(2 + 11 * sizeof(double));   // Axes, metres, area, box, origin.
+  in.bytes(in.u8());                   // Kind.
+  in.bytes(in.u16());                  // Name.
+  in.bytes(3 * sizeof(double) * rank + sizeof(float) * (rank - exact));
+  const std::uint32_t chunks = in.u32();
+  if (chunks > 4096) return {};
+  for (std::uint32_t left = chunks; left > 0 && !in.failed(); --left) {
+    take_id(8);
+    in.bytes(in.u8() * std::size_t{44});  // Tiles.
+  }
+  for (std::uint32_t left = in.u16(); left > 0 && !in.failed(); --left) take_id(11);
+  return in.finished() ? ids : std::vector<Sha256>();
 }
 
 }  // namespace
@@ -153,8 +185,8 @@ void AssetStore::count(Holder& holder, std::int64_t bytes, int objects) {
   if (holder.objects == 0) holders_.erase(holders_.find(holder.name));
 }
 
-bool AssetStore::pass_on(Entry& entry, TimeUs now_us) {
-  if (entry.user.empty() || now_us - entry.user_us > settings_.min_idle_us) return false;
+bool AssetStore::pass_on(Entry& entry) {
+  if (entry.user.empty() || entry.user_us < noted_us_) return false;
   const auto bytes = static_cast<std::int64_t>(charge_of(entry.size));
   Holder& from = *entry.holder;
   Holder& to = holder(entry.user);
@@ -236,6 +268,7 @@ void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& 
   const std::lock_guard lock(mutex_);
   if (asset) {
     used_by_stream_.insert_or_assign(std::string(stream), Used{*asset, std::string(holder)});
+    if (const auto entry = entries_.find(*asset); entry != entries_.end()) entry->second.read_us = kNever;
   } else if (const auto found = used_by_stream_.find(stream); found != used_by_stream_.end()) {
     used_by_stream_.erase(found);
   }
@@ -266,21 +299,19 @@ Result<std::vector<Sha256>> AssetStore::references_of(const Sha256& id) const {
   std::vector<Sha256> found;
   const auto object = read(id);
   if (!object) return object.error();
-  if (object->size < id.digest.size() || object->size > kMaxListBytes) return found;
+  std::array<char, kManifestMagic.size()> magic{};
+  const bool is_read = ::pread(object->file.get(), magic.data(), magic.size(), 0) == ssize_t{magic.size()};
+  if (!is_read || std::string_view(magic.data(), magic.size()) != kManifestMagic || object->size > kMaxListBytes)
+    return found;
   const auto content = bytes_of(id);
   if (!content) return content.error();
-  const std::size_t ends = content->size() - id.digest.size() + 1;
   std::unordered_set<Sha256, IdHash> seen;
-  Sha256 part;
-  for (std::size_t at = 0; at < ends; std::this_thread::sleep_for(std::chrono::microseconds(50))) {
-    const std::lock_guard lock(mutex_);  // For a part at a time: contains() waits for it.
-    for (const std::size_t stop = std::min(ends, at + kSearchedAtOnce); at < stop; ++at) {
-      std::copy_n(content->data() + at, part.digest.size(), part.digest.begin());
-      const auto entry = entries_.find(part);
-      if (entry == entries_.end() || !seen.insert(part).second) continue;
-      use(entry->second, steady_now_us());
-      found.push_back(part);
-    }
+  for (const Sha256& part : ids_of_manifest(*content)) {
+    const std::lock_guard lock(mutex_);
+    const auto entry = entries_.find(part);
+    if (entry == entries_.end() || !seen.insert(part).second) continue;
+    use(entry->second, steady_now_us());
+    found.push_back(part);
   }
   return found;
 }
@@ -289,14 +320,8 @@ bool AssetStore::is_over() const {
   return total_bytes_ > settings_.max_total_bytes || objects_ > settings_.max_objects;
 }
 
-void AssetStore::make_room(const Holder& wanting) {
-  const std::lock_guard one_at_a_time(evicting_);
-  const TimeUs now_us = steady_now_us();
-  if (is_over()) use_needed(now_us);
-  while (is_over() && evict_oldest(now_us, wanting)) continue;
-}
-
-void AssetStore::use_needed(TimeUs now_us) {
+void AssetStore::note_uses() {
+  const TimeUs now_us = steady_now_us(), period_us = settings_.min_idle_us / 3;
   std::map<Sha256, Users> due;
   {
     const std::lock_guard lock(mutex_);
@@ -304,8 +329,8 @@ void AssetStore::use_needed(TimeUs now_us) {
       auto known = due.find(used.asset);  // Several streams may use it.
       if (known == due.end()) {
         const auto entry = entries_.find(used.asset);
-        if (entry == entries_.end() || now_us - entry->second.searched_us < settings_.min_idle_us) continue;
-        entry->second.searched_us = now_us;
+        if (entry == entries_.end() || now_us - entry->second.read_us < period_us) continue;
+        entry->second.read_us = now_us;
         known = due.try_emplace(used.asset).first;
       }
       Users& users = known->second;
@@ -319,6 +344,7 @@ void AssetStore::use_needed(TimeUs now_us) {
     used->push_back(asset);
     for (const Sha256& id : *used) note_users(id, users, now_us);
   }
+  noted_us_ = now_us - period_us;
 }
 
 void AssetStore::note_users(const Sha256& id, const Users& users, TimeUs now_us) {
@@ -329,24 +355,27 @@ void AssetStore::note_users(const Sha256& id, const Users& users, TimeUs now_us)
   const auto user =
       std::find_if(users.begin(), users.end(), [&](const auto& one) { return one.second != entry.holder->name; });
   if (user == users.end()) return;
-  const bool known = !entry.user.empty() && now_us - entry.user_us <= settings_.min_idle_us;
+  const bool known = !entry.user.empty() && entry.user_us >= noted_us_;
   if (!known || load(entry.user) > user->first) entry.user = user->second;
   if (entry.user == user->second) entry.user_us = now_us;
-  if (over_.contains(entry.holder)) (void)pass_on(entry, now_us);
+  if (over_.contains(entry.holder)) (void)pass_on(entry);
 }
 
-bool AssetStore::evict_oldest(TimeUs now_us, const Holder& wanting) {
+bool AssetStore::evict_oldest(const Holder& wanting) {
+  const TimeUs now_us = steady_now_us();
   const std::string aside = temporary_path();
   {
     const std::lock_guard lock(mutex_);
+    if (!is_over()) return false;
     const auto gives = [](const Holder* holder) { return !holder->order.empty(); };
     const bool own = over_.contains(&wanting);
     const auto giver = own ? over_.end() : std::find_if(over_.begin(), over_.end(), gives);
     const auto& order = own ? wanting.order : giver != over_.end() ? (*giver)->order : order_;
     if (order.empty()) return false;
     const auto entry = entries_.find(order.front());
-    if ((own || giver != over_.end()) && pass_on(entry->second, now_us)) return true;
-    if (giver == over_.end() && now_us - entry->second.used_us <= settings_.min_idle_us) return false;
+    if ((own || giver != over_.end()) && pass_on(entry->second)) return true;
+    const TimeUs idle_since_us = std::min(now_us - settings_.min_idle_us, noted_us_.load());
+    if (giver == over_.end() && entry->second.used_us >= idle_since_us) return false;
     // Freeing a large file takes long and contains() waits for the lock: unlink after it.
     if (::rename(path_of(entry->first).c_str(), aside.c_str()) != 0 && errno != ENOENT) {
       use(entry->second, now_us);  // The next one first.
@@ -411,7 +440,7 @@ Result<void> AssetStore::Upload::grow(std::uint64_t bytes) {
     store_.charge(*holder_, static_cast<std::int64_t>(charge_of(size_) - charge_), 0);
   }
   charge_ = charge_of(size_);
-  if (store_.is_over()) store_.make_room(*holder_);
+  while (store_.is_over() && store_.evict_oldest(*holder_)) continue;
   if (!store_.is_over()) return {};
   return fail(ErrorCode::kIo,
               "the asset store is full of what streams use or used a moment ago, or of what others may "

@@ -36,9 +36,7 @@ constexpr std::uint64_t charge_of(std::uint64_t bytes) {
 /// beyond its share before all others, in use or not, unless it is the one that uploads. What streams of others use is
 /// then charged to one of these instead, as long as its share has room: nobody loses what it uses because others stored
 /// too much, and nobody pays for what it neither stored nor uses. A stream uses the asset that it announced and every
-/// object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at worst too many (after Boehm
-/// and Weiser, "Garbage collection in an uncooperative environment", 1988). Each used asset is searched once per
-/// min_idle_us, which counts as a use of what it names; all else costs the same for any number.
+/// object that this lists, as note_uses() finds; all else costs the same for any number of streams.
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -112,9 +110,13 @@ class AssetStore final : public StreamTap {
 
   /// Errors: kNotFound, kIo.
   Result<Bytes> bytes_of(const Sha256& id) const;
-  /// The stored objects whose ids occur in object `id`, once each, in order of occurrence. Counts as a use of them.
-  /// Errors: kNotFound, kIo.
+  /// The stored objects that object `id` lists, once each, in its order, if it is a manifest of 4 MiB at most. A use of
+  /// them. Errors: kNotFound, kIo.
   Result<std::vector<Sha256>> references_of(const Sha256& id) const;
+  /// Reads what streams use, each asset three times in min_idle_us, or once it is announced: a use of what it lists.
+  /// What streams may have begun to use since is not evicted as idle: call it every second, on one thread that nobody
+  /// waits for.
+  void note_uses();
 
   // Visible objects and uploads so far.
   std::uint64_t total_bytes() const { return total_bytes_; }  ///< As charged.
@@ -123,11 +125,12 @@ class AssetStore final : public StreamTap {
   const Settings& settings() const { return settings_; }
 
  private:
+  static constexpr TimeUs kNever = std::numeric_limits<TimeUs>::min() / 2;
   struct Entry {
     std::uint64_t size = 0;
-    TimeUs used_us = 0;     ///< On the steady clock; negative for uses before this process.
-    TimeUs touched_us = 0;  ///< Last update of the file's times.
-    TimeUs searched_us = std::numeric_limits<TimeUs>::min() / 2;  ///< Last search for its references.
+    TimeUs used_us = 0;       ///< On the steady clock; negative for uses before this process.
+    TimeUs touched_us = 0;    ///< Last update of the file's times.
+    TimeUs read_us = kNever;  ///< When note_uses() last did.
     Holder* holder = nullptr;
     std::string user{};  ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
     TimeUs user_us = 0;  ///< When that was found.
@@ -147,19 +150,15 @@ class AssetStore final : public StreamTap {
   std::string path_of(const Sha256& id) const;
   void use(Entry& entry, TimeUs now_us) const;  ///< REQUIRES: mutex_.
   bool is_over() const;
-  /// Evicts objects until the store is within its quota or none is idle.
-  void make_room(const Holder& wanting);
-  /// Counts what streams use as used.
-  void use_needed(TimeUs now_us);
   /// Streams of these use it; its holder passes it on if it is beyond its share.
   void note_users(const Sha256& id, const Users& users, TimeUs now_us);
   /// Charges it to its user instead. False: none is known by now, or its share has no room. REQUIRES: mutex_.
-  bool pass_on(Entry& entry, TimeUs now_us);
+  bool pass_on(Entry& entry);
   /// What part of the store a holder is charged for. REQUIRES: mutex_.
   double load(const std::string& name) const;
   std::uint64_t share_of(std::uint64_t all) const;
-  bool evict_oldest(TimeUs now_us, const Holder& wanting);  ///< False: none is idle.
-  Holder& holder(std::string_view name);                    ///< REQUIRES: mutex_, and that it is charged before others.
+  bool evict_oldest(const Holder& wanting);  ///< False: the store is within its quota, or none is idle.
+  Holder& holder(std::string_view name);     ///< REQUIRES: mutex_, and that it is charged before others.
   /// Counts bytes and an object, or takes them back; then a holder of nothing is forgotten. REQUIRES: mutex_.
   void charge(Holder& holder, std::int64_t bytes, int objects);
   void count(Holder& holder, std::int64_t bytes, int objects);  ///< The same without the totals.
@@ -179,7 +178,7 @@ class AssetStore final : public StreamTap {
   std::map<std::string, Used, std::less<>> used_by_stream_;    // GUARDED_BY(mutex_)
   std::map<std::string, Holder, std::less<>> holders_;         // GUARDED_BY(mutex_)
   std::set<const Holder*, std::less<>> over_;                  ///< Beyond their share. GUARDED_BY(mutex_)
-  std::mutex evicting_;                                        ///< Serialises make_room().
+  std::atomic<TimeUs> noted_us_{kNever};                       ///< note_uses() has noted all uses at that time.
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};
   std::atomic<std::uint64_t> objects_{0};

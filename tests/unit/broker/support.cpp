@@ -35,6 +35,22 @@ Bytes large_message(std::uint64_t sequence, TimeUs capture_us) {
   return message;
 }
 
+Bytes manifest_of(const std::vector<Sha256>& chunks) {
+  Bytes manifest;
+  ByteWriter out(manifest);
+  out.text("ECASSET\n");
+  for (const std::uint32_t number : {1u, 1u, 0u, 1u, 0u, 0u}) out.u32(number);
+  out.bytes(Bytes(1 + 2 + 88 + 1 + 2));  // No bands, no names.
+  out.u32(static_cast<std::uint32_t>(chunks.size()));
+  for (const Sha256& chunk : chunks) {
+    out.u64(0);
+    out.bytes(chunk.digest);
+    out.u8(0);
+  }
+  out.u16(0);
+  return manifest;
+}
+
 Key key_number(int i) {
   Key key;
   key.bands = 3;

@@ -10,6 +10,7 @@
 #include "broker/relay/stream.h"
 #include "common/codec/chain.h"
 #include "common/codec/key.h"
+#include "common/core/hash/sha256.h"
 #include "common/wire/envelope.h"
 
 namespace eigencast::broker::testing {
@@ -27,6 +28,9 @@ control::Announce small_announce();
 /// A stream of 32,768 coefficients, and the messages of its sender: a join, then keys that change nothing, all short.
 control::Announce large_announce();
 Bytes large_message(std::uint64_t sequence, TimeUs capture_us);
+
+/// The bytes of a manifest of no surface that lists these chunks.
+Bytes manifest_of(const std::vector<Sha256>& chunks);
 
 /// Key number `i` of a curved motion.
 Key key_number(int i);

@@ -94,9 +94,7 @@ void BackboneTest::pass(TimeUs duration) {
 
 void BackboneTest::publish(SiteSender& sender, Site& site, const std::string& name) {
   const Sha256 chunk = site.put(content(1, 700'000));
-  Bytes manifest = content(2, 100);
-  ByteWriter(manifest).bytes(chunk.digest);
-  asset = site.put(manifest);
+  asset = site.put(manifest_of({chunk}));
   sender.publish(site, name, asset);
   network.run();
   ASSERT_TRUE(sender.granted.has_value());

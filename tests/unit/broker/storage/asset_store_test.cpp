@@ -9,15 +9,36 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <thread>
 
+#include "tests/unit/broker/support.h"
+
 namespace eigencast::broker {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// How often files are opened.
+class OpenCount {
+ public:
+  void watch(const std::string& path) { EXPECT_GE(::inotify_add_watch(events_.get(), path.c_str(), IN_OPEN), 0); }
+  ssize_t count() {
+    inotify_event events[64];
+    for (ssize_t bytes = 0; (bytes = ::read(events_.get(), events, sizeof(events))) > 0;) {
+      opened_ += std::count_if(events, events + bytes / static_cast<ssize_t>(sizeof(inotify_event)),
+                               [](const inotify_event& event) { return (event.mask & IN_OPEN) != 0; });
+    }
+    return opened_;
+  }
+
+ private:
+  const FileHandle events_{::inotify_init1(IN_NONBLOCK)};
+  ssize_t opened_ = 0;
+};
 
 class AssetStoreTest : public ::testing::Test {
  protected:
@@ -37,6 +58,7 @@ class AssetStoreTest : public ::testing::Test {
   }
   /// The object's id; nothing if the store is full.
   std::optional<Sha256> put(const Bytes& content, const std::string& holder = {}) const {
+    store_->note_uses();
     const auto upload = store_->begin_upload(sha256(content), holder);
     const auto written = upload ? (*upload)->write(content) : Result<void>(upload.error());
     EXPECT_TRUE(!written || (*upload)->commit());
@@ -45,10 +67,9 @@ class AssetStoreTest : public ::testing::Test {
   /// A manifest of one chunk: their ids.
   std::pair<Sha256, Sha256> put_asset(std::size_t chunk_bytes, const std::string& holder) const {
     const Sha256 chunk = *put(Bytes(chunk_bytes, 200), holder);
-    Bytes list(17, 0xee);
-    ByteWriter(list).bytes(chunk.digest);
-    return {*put(list, holder), chunk};
+    return {*put(testing::manifest_of({chunk}), holder), chunk};
   }
+  std::string path_of(const Sha256& id) const { return folder_ + "/assets/" + id.hex().substr(0, 2) + "/" + id.hex(); }
   std::size_t files_left() const {
     std::size_t count = 0;
     for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets"))
@@ -204,9 +225,7 @@ TEST_F(AssetStoreTest, ObjectsAreCounted) {
 TEST_F(AssetStoreTest, LeastRecentlyUsedObjectIsEvicted) {
   open({kTenBlocks, kTenBlocks, 100, 50, 0});
   const Sha256 chunk = *put(Bytes(3 * kBlock, 1));
-  Bytes list(17, 0xee);  // A manifest, as far as the store knows: the id of its chunk stands somewhere in it.
-  for (int i = 0; i < 2; ++i) ByteWriter(list).bytes(chunk.digest);
-  const Sha256 manifest = *put(list);
+  const Sha256 manifest = *put(testing::manifest_of({chunk, sha256(Bytes{1}), chunk}));
   store_->set_used("a", manifest);
   EXPECT_EQ(store_->references_of(manifest).value(), std::vector<Sha256>{chunk});
   const Sha256 old = *put(Bytes(2 * kBlock, 2));
@@ -322,25 +341,73 @@ TEST_F(AssetStoreTest, LoadedObjectsKeepTheirOrderOfUse) {
   EXPECT_FALSE(store_->contains(ids[2])) << "unused for longest";
 }
 
-TEST_F(AssetStoreTest, UsedAssetIsSearchedOncePerIdleTime) {
+TEST_F(AssetStoreTest, UsedAssetIsReadOncePerIdleTime) {
   open({kTenBlocks, kTenBlocks, 100, 50, 3'600'000'000});
   const Sha256 chunk = *put(Bytes(8 * kBlock, 1));
-  Bytes list(17, 0xee);
-  ByteWriter(list).bytes(chunk.digest);
-  const Sha256 manifest = *put(list);
+  const Sha256 manifest = *put(testing::manifest_of({chunk}));
   store_->set_used("a", manifest);
-  const std::string hex = manifest.hex();
-  const FileHandle watch(::inotify_init1(IN_NONBLOCK));
-  ASSERT_GE(::inotify_add_watch(watch.get(), (folder_ + "/assets/" + hex.substr(0, 2) + "/" + hex).c_str(), IN_OPEN),
-            0);
+  OpenCount opened;
+  opened.watch(path_of(manifest));
   for (std::uint8_t i = 0; i < 20; ++i) EXPECT_FALSE(put(Bytes(2 * kBlock, i)));
-  inotify_event events[64];
-  ssize_t opened = 0;
-  for (ssize_t count = 0; (count = ::read(watch.get(), events, sizeof(events))) > 0;) {
-    opened += count / static_cast<ssize_t>(sizeof(inotify_event));
-  }
-  EXPECT_LE(opened, 2) << "its references are found and read once, whatever is refused";
+  EXPECT_LE(opened.count(), 2) << "it is read once, whatever is refused";
   EXPECT_TRUE(store_->contains(chunk));
+}
+
+TEST_F(AssetStoreTest, UploadsToAFullStoreReadNothingThatStreamsUse) {
+  open({.max_objects = 11, .min_idle_us = 0});
+  OpenCount opened;
+  for (std::uint8_t i = 0; i < 10; ++i) {
+    const Sha256 used = *put(Bytes(4u << 20, i), "attacker");
+    store_->set_used(std::string(1, static_cast<char>('a' + i)), used, "attacker");
+    opened.watch(path_of(used));
+  }
+  ASSERT_TRUE(put(Bytes(8, 100)));
+  const ssize_t noted = opened.count();
+  const Bytes content(8, 101);
+  const auto upload = store_->begin_upload(sha256(content), "other").value();
+  ASSERT_TRUE(upload->write(content));
+  ASSERT_TRUE(upload->commit());
+  EXPECT_EQ(store_->evicted(), 1u);
+  EXPECT_EQ(opened.count(), noted);
+}
+
+TEST_F(AssetStoreTest, WhatStreamsMayUseByNowStays) {
+  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  const Sha256 early = *put(Bytes(3 * kBlock, 1));
+  store_->note_uses();
+  const Bytes late(3 * kBlock, 2), large(5 * kBlock, 3);
+  for (const Bytes* content : {&late, &large}) {
+    const auto upload = store_->begin_upload(sha256(*content)).value();
+    ASSERT_TRUE(upload->write(*content));
+    ASSERT_TRUE(upload->commit());
+  }
+  EXPECT_FALSE(store_->contains(early));
+  EXPECT_FALSE(store_->begin_upload(sha256(kContent)).value()->write(Bytes(6 * kBlock)));
+  EXPECT_TRUE(store_->contains(sha256(late))) << "a stream may use it since, though none does";
+}
+
+TEST_F(AssetStoreTest, OnlyManifestsListObjects) {
+  open();
+  const auto file = [](const std::string& name) {
+    std::ifstream in(EIGENCAST_GOLDEN "/asset/" + name, std::ios::binary);
+    return Bytes(std::istreambuf_iterator<char>(in), {});
+  };
+  std::vector<Sha256> chunks;
+  for (const char* name : {"chunk0.bin", "chunk1.bin", "chunk2.bin"}) chunks.push_back(*put(file(name)));
+  const Bytes manifest = file("manifest.bin");
+  EXPECT_EQ(store_->references_of(*put(manifest)).value(), chunks);
+  Bytes other = testing::manifest_of(chunks);
+  EXPECT_EQ(store_->references_of(*put(other)).value(), chunks);
+  for (const std::size_t size : {other.size() - 1, other.size() / 2, std::size_t{30}, std::size_t{8}, std::size_t{4}}) {
+    EXPECT_TRUE(store_->references_of(*put(Bytes(other.data(), other.data() + size)))->empty()) << size;
+  }
+  for (std::size_t at = 8; at < 200; at += 12) {
+    Bytes hostile = manifest;
+    for (std::size_t i = 0; i < 4; ++i) hostile[at + i] = 0xff;
+    EXPECT_TRUE(store_->references_of(*put(hostile))) << at;
+  }
+  other[0] ^= 1;
+  EXPECT_TRUE(store_->references_of(*put(other))->empty()) << "the ids in it mean nothing";
 }
 
 TEST_F(AssetStoreTest, RepeatedUploadCountsAsUse) {

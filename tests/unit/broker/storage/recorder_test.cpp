@@ -214,9 +214,7 @@ TEST_F(RecorderTest, QueueHoldsNoStatesOfLargeStreams) {
 TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {
   settings_.include_asset = true;
   const Sha256 chunk = put(Bytes(1000, 7));
-  Bytes list(5, 1);
-  ByteWriter(list).bytes(chunk.digest);
-  asset_ = put(list).hex();
+  asset_ = put(testing::manifest_of({chunk})).hex();
   start();
   ASSERT_TRUE(recorder_->start("lab/horse"));
   announce();
@@ -234,9 +232,7 @@ TEST_F(RecorderTest, AssetIsStoredOnceHoweverOftenAnnounced) {
   settings_.include_asset = true;
   const Sha256 chunk = put(Bytes(100'000, 7));
   const auto manifest = [&](std::uint8_t number) {
-    Bytes list(5, number);
-    ByteWriter(list).bytes(chunk.digest);
-    return put(list).hex();
+    return put(testing::manifest_of({chunk, sha256(Bytes{number})})).hex();
   };
   start();
   ASSERT_TRUE(recorder_->start("lab/horse"));
