@@ -66,6 +66,7 @@ Error malformed_reply() {
 struct AssetExchange::Transfer {
   std::string owner;
   Sha256 asset;
+  TimeUs began_us = 0;
   bool references_known = false;
   std::vector<Sha256> wanted;  ///< Not begun.
   std::size_t running = 0;
@@ -93,12 +94,16 @@ void AssetExchange::stop() {
 
 void AssetExchange::serve(const std::string& self) {
   serving_ = link_.serve(prefix_ + ".assets." + self, [this](Bytes message, Link::Reply reply) {
-    on_disk_(
-        [&store = store_, message = std::move(message), reply = std::move(reply)] { reply(answer(store, message)); });
+    if (answering_ == kMaxAnswers) return reply({kNotHere});
+    ++answering_;
+    on_disk_([this, alive = alive_, on_loop = on_loop_, message = std::move(message), reply = std::move(reply)] {
+      reply(answer(store_, message));
+      on_loop([this, alive] { answering_ -= *alive ? 1 : 0; });
+    });
   });
 }
 
-void AssetExchange::fetch(const std::string& owner, const Sha256& asset, Done done) {
+void AssetExchange::fetch(const std::string& owner, const Sha256& asset, TimeUs now_us, Done done) {
   if (const auto under_way = transfers_.find({owner, asset}); under_way != transfers_.end()) {
     under_way->second->done.push_back(std::move(done));
     return;
@@ -106,6 +111,10 @@ void AssetExchange::fetch(const std::string& owner, const Sha256& asset, Done do
   auto transfer = std::make_shared<Transfer>();
   transfer->owner = owner;
   transfer->asset = asset;
+  transfer->began_us = now_us;
+  const auto whole = whole_.find({owner, asset});
+  transfer->references_known = whole != whole_.end() && now_us - whole->second < kWholeUs;
+  if (whole != whole_.end() && !transfer->references_known) whole_.erase(whole);
   transfer->done.push_back(std::move(done));
   transfers_[{owner, asset}] = transfer;
   transfer->wanted = {asset};
@@ -209,6 +218,8 @@ void AssetExchange::on_disk(const TransferPtr& transfer, std::function<Result<vo
 void AssetExchange::finish(const TransferPtr& transfer, const Result<void>& result) {
   transfer->over = true;
   transfers_.erase({transfer->owner, transfer->asset});
+  if (whole_.size() >= kMaxWhole) whole_.clear();
+  if (result) whole_.try_emplace({transfer->owner, transfer->asset}, transfer->began_us);
   for (const Done& done : transfer->done) done(result);
 }
 

@@ -20,12 +20,15 @@ namespace eigencast::broker {
 /// Requests and replies, little-endian:
 ///   'L' id[32]              -> 0 ids[32 n]: the objects that object `id` references, or 1: not found
 ///   'R' id[32] offset u64   -> 0 size u64, bytes from offset on, kRangeBytes or to its end; or 1
-/// Belongs to the event loop; disk access runs on the disk's threads.
+/// Belongs to the event loop; disk access runs elsewhere, of kMaxAnswers at a time: further ones are 1.
 class AssetExchange {
  public:
   static constexpr std::size_t kRangeBytes = 256u << 10;
   static constexpr std::size_t kMaxReferences = 16'384;
   static constexpr std::size_t kParallel = 4;  ///< Concurrent transfers of objects.
+  static constexpr std::size_t kMaxAnswers = 64;
+  static constexpr TimeUs kWholeUs = 60'000'000;   ///< An asset that came whole is not asked about again for so long.
+  static constexpr std::size_t kMaxWhole = 4'096;  ///< Assets of which that is known.
   static constexpr TimeUs kTimeoutUs = 3'000'000;
 
   using Work = std::function<void()>;
@@ -40,7 +43,7 @@ class AssetExchange {
   void serve(const std::string& self);
   /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (at
   /// the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
-  void fetch(const std::string& owner, const Sha256& asset, Done done);
+  void fetch(const std::string& owner, const Sha256& asset, TimeUs now_us, Done done);
   void stop();
 
   std::uint64_t fetched_bytes() const { return fetched_bytes_; }
@@ -67,6 +70,8 @@ class AssetExchange {
   std::function<void(Work)> on_disk_, on_loop_;
   std::shared_ptr<void> serving_;
   std::map<std::pair<std::string, Sha256>, TransferPtr> transfers_;  ///< By owner: a slow one holds up no other.
+  std::map<std::pair<std::string, Sha256>, TimeUs> whole_;           ///< When they came.
+  std::size_t answering_ = 0;
   std::uint64_t fetched_bytes_ = 0;
   std::shared_ptr<bool> alive_ = std::make_shared<bool>(true);  ///< False: late callbacks do nothing.
 };

@@ -145,7 +145,7 @@ void Following::fetch_surface(const RemotePtr& remote) {
     remote->phase = Remote::Phase::kUnusable;
     return;
   }
-  assets_.fetch(remote->entry.owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
+  const auto took = [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
     const auto still = weak.lock();
     if (!still || still->stream == nullptr) return;
     note(still->stream->name());
@@ -157,7 +157,8 @@ void Following::fetch_surface(const RemotePtr& remote) {
     still->next_us = environment_.now_us() + settings_.retry_us;
     environment_.warn("the surface of stream '" + still->stream->name() +
                       "' does not come, trying again: " + fetched.error().message);
-  });
+  };
+  assets_.fetch(remote->entry.owner, *asset, environment_.now_us(), took);
 }
 
 void Following::begin(const RemotePtr& remote) {

@@ -110,6 +110,62 @@ TEST_F(BackboneTest, AssetIsFetchedOncePerBroker) {
   EXPECT_EQ(b().backbone->totals().asset_bytes_fetched, 700'000U + a().store->read(asset)->size);
 }
 
+TEST_F(BackboneTest, AnAssetIsAskedAboutOnceAMinuteWhateverIsAnnounced) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  const auto announce = [&] {
+    const int before = network.asked["test.assets.a"];
+    sender.announce(a(), asset);
+    pass(100'000);
+    send(sender);
+    EXPECT_EQ(viewer.infos.back().state, State::kLive);
+    EXPECT_EQ(viewer.infos.back().epoch, sender.stream->epoch());
+    return network.asked["test.assets.a"] - before;
+  };
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(announce(), 0);
+  pass(AssetExchange::kWholeUs);
+  EXPECT_EQ(announce(), 1) << "this broker may have evicted what it lists";
+  EXPECT_EQ(announce(), 0);
+}
+
+TEST_F(BackboneTest, AFloodOfQuestionsForAssetsWaitsInAShortQueue) {
+  FakeLink link(network), evil(network);
+  std::vector<std::function<void()>> waiting;
+  AssetExchange exchange(
+      link, *a().store, "test", [&](std::function<void()> work) { waiting.push_back(std::move(work)); },
+      [](const std::function<void()>& work) { work(); });
+  exchange.serve("flooded");
+  const Sha256 id = a().put(content(1, 10));
+  int here = 0, answers = 0;
+  const auto ask = [&] {
+    Bytes request{'L'};
+    ByteWriter(request).bytes(id.digest);
+    evil.ask("test.assets.flooded", request, 1'000'000, [&](const Result<Bytes>& answer) {
+      ++answers;
+      here += answer && *answer == Bytes{0};
+    });
+  };
+  for (int i = 0; i < 1'000; ++i) ask();
+  network.run();
+  EXPECT_EQ(waiting.size(), AssetExchange::kMaxAnswers);
+  EXPECT_EQ(answers, 1'000 - static_cast<int>(AssetExchange::kMaxAnswers)) << "not here, at once";
+  EXPECT_EQ(here, 0);
+  for (int round = 1; round <= 2; ++round) {
+    for (const auto& work : std::exchange(waiting, {})) work();
+    network.run();
+    EXPECT_EQ(here, round == 1 ? static_cast<int>(AssetExchange::kMaxAnswers) : here);
+    ask();
+    network.run();
+    EXPECT_EQ(waiting.size(), 1U);
+  }
+  exchange.stop();
+  for (const auto& work : waiting) work();
+  network.run();
+}
+
 TEST_F(BackboneTest, AnOwnerThatIsSilentHoldsUpNoOther) {
   SiteSender& sender = new_sender();
   publish(sender, a());

@@ -50,6 +50,7 @@ class FakeNetwork {
   std::deque<std::function<void()>> held;
   int writes = 0;
   std::function<bool(const std::string& subject)> drops;
+  std::map<std::string, int> asked;  ///< By subject.
   std::deque<std::function<void()>> coming;
 };
 
@@ -101,6 +102,7 @@ class FakeLink final : public Link {
     return listen({subject, {}, std::move(on_request)});
   }
   void ask(const std::string& subject, Bytes message, TimeUs, Answer answer) override {
+    ++network_.asked[subject];
     network_.later([this, subject, message = std::move(message), answer = std::move(answer)] {
       for (FakeLink* link : network_.links) {
         if (!link->connected_ || !connected_) continue;
