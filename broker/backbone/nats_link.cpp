@@ -368,7 +368,12 @@ std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function
   // The subscription alone owns the handler.
   const auto owned = std::make_shared<std::function<void(Incoming)>>(std::move(handler));
   const auto waiting = std::make_shared<std::atomic<std::size_t>>(0);
-  const auto subscription = subscribe_raw(subject, [this, weak = std::weak_ptr(owned), waiting](natsMsg* message) {
+  const bool below = subject.ends_with('>') || subject.ends_with('*');
+  const std::string wanted = subject.substr(0, subject.size() - (below ? 1 : 0));
+  const auto hear = [this, weak = std::weak_ptr(owned), waiting, below, wanted](natsMsg* message) {
+    // JetStream delivers rows to whatever subject a consumer names: they keep their own.
+    const std::string_view own = natsMsg_GetSubject(message);
+    if (below ? !own.starts_with(wanted) : own != wanted) return;
     const std::size_t cost = kMessageBytes + static_cast<std::size_t>(natsMsg_GetDataLength(message));
     const std::size_t free = kMaxUndeliveredBytes - std::min<std::size_t>(undelivered_, kMaxUndeliveredBytes);
     if (*waiting + cost > free / 4) return;  // A flood of one subject leaves room for others.
@@ -380,11 +385,11 @@ std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function
                                  natsMsg_IsNoResponders(message), data_of(message)}]() mutable {
       *waiting -= cost;
       self->undelivered_ -= cost;
-      const auto wanted = weak.lock();
-      if (*self->open_ && wanted) (*wanted)(std::move(incoming));
+      const auto hears = weak.lock();
+      if (*self->open_ && hears) (*hears)(std::move(incoming));
     });
-  });
-  return std::shared_ptr<void>(owned.get(), [owned, subscription](void*) {});
+  };
+  return std::shared_ptr<void>(owned.get(), [owned, subscription = subscribe_raw(subject, hear)](void*) {});
 }
 
 void NatsLink::ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) {

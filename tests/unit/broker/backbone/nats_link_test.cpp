@@ -368,6 +368,28 @@ TEST_F(NatsLinkTest, WhereAnAnswerIsAwaitedCannotBeGuessed) {
   EXPECT_EQ(answered, "true");
 }
 
+/// JetStream delivers rows that a broker wrote to any subject that its consumer names, past its permissions.
+TEST_F(NatsLinkTest, OnlyMessagesOfTheirOwnSubjectAreHeard) {
+  start({});
+  std::vector<std::string> subjects;
+  const auto hear = [&](const std::string& subject, const Bytes&) { subjects.push_back(subject); };
+  const auto exact = link_->subscribe("frames.edge-2.1.s", hear), below = link_->subscribe("alive.>", hear);
+  on_lasting_connection([&](const std::string&) {
+    subjects.clear();
+    const std::string one = peer_->number_of("frames.edge-2.1.s "), all = peer_->number_of("alive.> ");
+    std::string said;
+    for (const char* subject : {"$KV.eigencast_streams.x", "frames.edge-2.1.s.t", "x", "frames.edge-2.1.s"}) {
+      said += std::string("MSG ") + subject + " " + one + " 2\r\nhi\r\n";
+    }
+    for (const char* subject : {"$KV.eigencast_streams.alive.x", "alive", "x", "alive.edge-2.1"}) {
+      said += std::string("MSG ") + subject + " " + all + " 2\r\nhi\r\n";
+    }
+    peer_->say(said);
+    return [&] { return !subjects.empty() && subjects.back() == "alive.edge-2.1"; };
+  });
+  EXPECT_EQ(subjects, (std::vector<std::string>{"frames.edge-2.1.s", "alive.edge-2.1"}));
+}
+
 TEST_F(NatsLinkTest, AFloodOfOneSubjectLeavesRoomForOthers) {
   start({});
   int others = 0;
