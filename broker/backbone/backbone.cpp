@@ -15,6 +15,7 @@ constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 constexpr TimeUs kOvertakenUs = 50'000;
 constexpr TimeUs kForgetEveryUs = 10'000'000;
 constexpr std::uint64_t kEpochGaps = 256;
+constexpr double kRowBytesPerUs = 28;  ///< JSON at its worst.
 /// What heartbeats say.
 constexpr char kAlive = '+', kStopped = '-', kAsksForRows = '?';
 
@@ -44,7 +45,7 @@ Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environ
       assets_(assets),
       environment_(std::move(environment)),
       directory_(settings_.id, environment_.now_us()),
-      following_(&settings_, link, assets, &environment_, totals_) {}
+      following_(&settings_, link, assets, &environment_, directory_, totals_) {}
 
 Backbone::~Backbone() {
   stop();
@@ -156,6 +157,10 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
                       const std::string& from) {
   const auto name = stream_from_token(key);
   if (!name) return;
+  const double work_us = 1 + static_cast<double>(text ? text->size() : 0) / kRowBytesPerUs;
+  if (!from.empty() && !directory_.take_work(from, work_us, environment_.now_us())) {
+    return environment_.warn("rows of broker " + from + " are left out: they take too much computing");
+  }
   if (auto taken = directory_.take(*name, text, revision, environment_.now_us(), from); !taken) {
     return environment_.warn("stream '" + *name + "': " + taken.error().message);
   }
@@ -173,7 +178,7 @@ void Backbone::reconcile() {
   if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
   reconcile_claims();
   for (const std::string& name : std::exchange(unsettled_, {})) reconcile_own(name);
-  following_.reconcile(directory_, connected_, table_read_);
+  following_.reconcile(connected_, table_read_);
   forget();
   reconciling_ = false;
 }

@@ -198,6 +198,13 @@ void Directory::forget_silent(TimeUs now_us) {
   std::erase_if(last_heartbeat_us_, [&](const auto& item) { return now_us - item.second > longest; });
 }
 
+bool Directory::take_work(std::string_view broker, double work_us, TimeUs now_us) {
+  const std::string name(name_of_broker(broker));
+  if (work_.size() >= kMaxWorking) std::erase_if(work_, [&](const auto& item) { return item.second.is_idle(now_us); });
+  if (work_.size() >= kMaxWorking && !work_.contains(name)) return false;
+  return work_[name].take(work_us, kWorkUsPerS, kWorkUsPerS, now_us).has_value();
+}
+
 bool Directory::is_alive(std::string_view broker, TimeUs now_us) const {
   if (broker == self_ || now_us - began_us_ < kHeartbeatTimeoutUs) return true;
   const auto found = last_heartbeat_us_.find(broker);

@@ -62,13 +62,13 @@ void Following::forget_stream(std::string_view name) {
   if (const auto found = remotes_.find(name); found != remotes_.end()) found->second->stream = nullptr;
 }
 
-void Following::reconcile(const Directory& directory, bool connected, bool complete) {
+void Following::reconcile(bool connected, bool complete) {
   for (const std::string& name : take_changed()) {
     ++totals_.names_compared;
     const auto former = remotes_.find(name);
-    if (former != remotes_.end() && is_over(*former->second, directory, complete)) unfollow(name);
+    if (former != remotes_.end() && is_over(*former->second, complete)) unfollow(name);
     if (Stream* stream = hub_->find(name)) {
-      if (const DirectoryEntry* entry = wanted_entry(*stream, directory)) follow(*stream, *entry);
+      if (const DirectoryEntry* entry = wanted_entry(*stream)) follow(*stream, *entry);
     }
     const auto found = remotes_.find(name);
     if (found == remotes_.end()) continue;
@@ -91,21 +91,21 @@ std::vector<std::string> Following::take_changed() {
   return names;
 }
 
-bool Following::is_over(Remote& remote, const Directory& directory, bool complete) const {
+bool Following::is_over(Remote& remote, bool complete) const {
   if (remote.stream == nullptr) return true;
   const TimeUs now = environment_.now_us();
   const bool was_watched = std::exchange(remote.watched, remote.stream->watchers() > 0);
   if (was_watched || remote.watched) remote.watched_us = now;
   if (now - remote.watched_us >= settings_.linger_us) return true;
-  const DirectoryEntry* holder = directory.live(remote.stream->name(), now);
+  const DirectoryEntry* holder = directory_.live(remote.stream->name(), now);
   if (holder == nullptr) return complete;
   return holder->owner != remote.entry.owner || holder->epoch != remote.entry.epoch;
 }
 
 /// Null: the stream has no sender elsewhere, or is not watched.
-const DirectoryEntry* Following::wanted_entry(const Stream& stream, const Directory& directory) const {
+const DirectoryEntry* Following::wanted_entry(const Stream& stream) const {
   if (stream.has_publisher() || stream.watchers() == 0) return nullptr;
-  const DirectoryEntry* holder = directory.live(stream.name(), environment_.now_us());
+  const DirectoryEntry* holder = directory_.live(stream.name(), environment_.now_us());
   return holder == nullptr || holder->owner == settings_.id || holder->epoch < stream.epoch() ? nullptr : holder;
 }
 
@@ -198,6 +198,11 @@ void Following::ask_join(const RemotePtr& remote) {
 
 void Following::take(Remote& remote, Bytes message) {
   if (remote.stream == nullptr) return;
+  const double work_us = 1 + remote.stream->decoding_us(message.size(), true);
+  if (!directory_.take_work(remote.entry.owner, work_us, environment_.now_us())) {
+    ++totals_.frames_dropped;
+    return environment_.warn("frames of broker " + remote.entry.owner + " are left out: they take too much computing");
+  }
   const std::uint64_t dropped = remote.follower.dropped();
   for (const Bytes& frame : remote.follower.take(std::move(message))) {
     if (const auto added = remote.stream->add_frame(frame, environment_.now_us()); !added) {

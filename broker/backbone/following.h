@@ -59,8 +59,13 @@ class Following {
  public:
   /// All of them outlive it.
   Following(const BackboneSettings* settings, Link& link, AssetExchange& assets, const BackboneEnvironment* environment,
-            BackboneTotals& totals)
-      : settings_(*settings), link_(link), assets_(assets), environment_(*environment), totals_(totals) {}
+            Directory& directory, BackboneTotals& totals)
+      : settings_(*settings),
+        link_(link),
+        assets_(assets),
+        environment_(*environment),
+        directory_(directory),
+        totals_(totals) {}
   ~Following();
 
   /// REQUIRES: the hub lives until stop().
@@ -79,7 +84,7 @@ class Following {
 
   /// Follows remote streams that are watched here and no others. `complete`: absent entries of the directory count.
   /// Compares what was noted and is unfinished, and all names once in sweep_us.
-  void reconcile(const Directory& directory, bool connected, bool complete);
+  void reconcile(bool connected, bool complete);
 
   std::size_t size() const { return remotes_.size(); }
 
@@ -88,8 +93,8 @@ class Following {
   using RemotePtr = std::shared_ptr<Remote>;
 
   std::vector<std::string> take_changed();
-  bool is_over(Remote& remote, const Directory& directory, bool complete) const;
-  const DirectoryEntry* wanted_entry(const Stream& stream, const Directory& directory) const;
+  bool is_over(Remote& remote, bool complete) const;
+  const DirectoryEntry* wanted_entry(const Stream& stream) const;
   void unfollow(const std::string& name);
   void advance(const RemotePtr& remote);
   void fetch_surface(const RemotePtr& remote);
@@ -101,6 +106,7 @@ class Following {
   Link& link_;
   AssetExchange& assets_;
   const BackboneEnvironment& environment_;
+  Directory& directory_;
   BackboneTotals& totals_;
   Hub* hub_ = nullptr;
   std::map<std::string, RemotePtr, std::less<>> remotes_;

@@ -189,7 +189,8 @@ class BrokerMetrics {
     gauge("backbone_streams_subscribed", "Streams of other brokers, watched here.", totals.streams_subscribed);
     counter("backbone_frames_published_total", "Keys of senders here, sent to other brokers.", totals.frames_published);
     counter("backbone_frames_followed_total", "Keys of senders at other brokers.", totals.frames_followed);
-    counter("backbone_frames_dropped_total", "Messages of other brokers that were of no use.", totals.frames_dropped);
+    counter("backbone_frames_dropped_total", "Messages of other brokers that were of no use, or too many.",
+            totals.frames_dropped);
     counter("backbone_joins_asked_total", "Joins asked of other brokers: beginnings and gaps.", totals.joins_asked);
     counter("backbone_joins_answered_total", "Joins given to other brokers.", totals.joins_answered);
     counter("backbone_claims_refused_total", "Senders refused because another broker has one.", totals.claims_refused);

@@ -37,7 +37,7 @@ ROOMS = {
     "broker/command_line": {"common/core", "common/command_line", "broker/config", "broker/access"},
     "broker/sockets": {"common/core", "broker/config"},
     "broker/storage": {"common/core", "common/core/hash", "common/recording", "broker/access", "broker/relay"},
-    "broker/backbone": {"common/core", "common/wire", "broker/config", "broker/relay", "broker/storage"},
+    "broker/backbone": {"common/core", "common/wire", "broker/access", "broker/config", "broker/relay", "broker/storage"},
     "broker/context": {"common/core", "broker/config"},
     "broker/connections": {"common/core", "common/wire", "broker/access", "broker/context", "broker/relay",
                            "broker/sockets", "broker/storage", "broker/websocket"},

@@ -166,6 +166,107 @@ TEST_F(BackboneTest, AFloodOfQuestionsForAssetsWaitsInAShortQueue) {
   network.run();
 }
 
+/// A broker that says what it likes of a stream with large keys.
+struct EvilBroker {
+  EvilBroker(FakeNetwork& network, const Sha256& asset) : link(network) {
+    listening = {link.serve("test.assets.evil.1", [](const Bytes&, const Link::Reply& reply) { reply({0}); }),
+                 link.serve("test.joins.evil.1", [this](const Bytes&, const Link::Reply& reply) {
+                   reply(frame(FrameKind::kJoin, {2, 160, 160, 1, 0, 2, 0x9f, 0x9f}));
+                 })};
+    link.publish("test.alive.evil.1", {'+'});
+    entry.announce.asset = asset.hex();
+    entry.announce.format = large_announce().format;
+  }
+  Bytes frame(FrameKind kind, const Bytes& payload) const {
+    Bytes message;
+    append_envelope({.kind = kind,
+                     .bands = 1,
+                     .step = {},
+                     .epoch = entry.epoch,
+                     .sequence = sequence,
+                     .capture_us = static_cast<TimeUs>(sequence)},
+                    message);
+    ByteWriter(message).bytes(payload);
+    return message;
+  }
+  void key() {
+    ++sequence;
+    link.publish("test.frames.evil.1.x", frame(FrameKind::kKey, {3, 1, 0xbf}));
+  }
+
+  FakeLink link;
+  DirectoryEntry entry{"evil.1", 1, true, small_announce(), {}};
+  std::uint64_t sequence = 1;
+  std::vector<std::shared_ptr<void>> listening;
+};
+
+TEST_F(BackboneTest, FramesOfABrokerBeyondItsBudgetAreLeftOut) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  const Sha256 known = b().put(content(3, 10));
+  EvilBroker evil(network, known);
+  evil.link.publish_row("x", text_from_entry(evil.entry), 1);
+  struct : FakeReceiver {
+    void on_frames(const Stream&, std::span<const FramePtr>) override {}
+  } crowd;
+  watch(b(), crowd, "x");
+  pass(100'000);
+  ASSERT_EQ(crowd.infos.back().state, State::kLive);
+  const auto followed = [&] { return b().backbone->totals().frames_followed; };
+  const std::uint64_t before = followed();
+  for (int i = 0; i < 8'000; ++i) evil.key();
+  network.run();
+  EXPECT_GT(followed() - before, 1'000U);
+  EXPECT_LT(followed() - before, 4'000U);
+  const std::size_t seen = viewer.poses.size();
+  for (int i = 0; i < 5; ++i) send(sender);
+  EXPECT_EQ(viewer.poses.size(), seen + 5) << "others have a budget of their own";
+  pass(2'000'000);
+  const std::uint64_t later = followed();
+  for (int i = 0; i < 10; ++i) evil.key();
+  network.run();
+  pass(1'000'000);
+  for (int i = 0; i < 10; ++i) evil.key();
+  network.run();
+  EXPECT_GE(followed() - later, 10U) << "a join, and keys again";
+  b().hub->find("x")->unwatch(crowd);
+}
+
+TEST_F(BackboneTest, RowsOfABrokerBeyondItsBudgetAreLeftOut) {
+  EvilBroker evil(network, sha256(content(1, 1)));
+  std::string text = text_from_entry(evil.entry);
+  text.pop_back();
+  text += ",\"pad\":[";
+  for (int i = 0; i < 2'400; ++i) text += "[],";
+  text += "0]}";
+  for (std::uint64_t i = 1; i <= 2'000; ++i) evil.link.publish_row("s" + std::to_string(i), text, i);
+  network.run();
+  const std::uint64_t known = b().backbone->totals().streams_known;
+  EXPECT_GT(known, 500U);
+  EXPECT_LT(known, 1'200U);
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+}
+
+TEST(DirectoryWorkTest, EachNameOfABrokerHasABudget) {
+  Directory directory("me.1", 0);
+  for (int run = 0; run < 10; ++run) {
+    EXPECT_EQ(directory.take_work("evil." + std::to_string(run), 100'000, 0), run < 2) << "all runs together";
+  }
+  EXPECT_TRUE(directory.take_work("good.1", 100'000, 0));
+  EXPECT_TRUE(directory.take_work("evil.1", 100'000, 1'000'000));
+  for (std::size_t i = 0; i < 2 * Directory::kMaxWorking; ++i) {
+    EXPECT_EQ(directory.take_work("b" + std::to_string(i) + ".1", 1, 1'000'000), i + 1 < Directory::kMaxWorking);
+  }
+  EXPECT_TRUE(directory.take_work("late.1", 1, 9'000'000)) << "idle ones are forgotten";
+}
+
 TEST_F(BackboneTest, AnOwnerThatIsSilentHoldsUpNoOther) {
   SiteSender& sender = new_sender();
   publish(sender, a());
