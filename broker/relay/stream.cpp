@@ -344,8 +344,7 @@ FramePtr Stream::join_for(const Watcher& watcher, double* work_us) {
 }
 
 double Stream::decoding_us(std::uint64_t bytes, bool last) const {
-  // Once for the decoder, and once for each profile that may encode it.
-  return (last ? static_cast<double>(layout_.size() * (1 + profile_count())) / kDecodedPerUs : 0) +
+  return (last ? static_cast<double>(layout_.size()) / kDecodedPerUs : 0) +
          static_cast<double>(bytes) / (layout_.is_float() ? kFloatBytesPerUs : kDecodedBytesPerUs);
 }
 

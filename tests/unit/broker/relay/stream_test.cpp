@@ -5,6 +5,8 @@
 
 #include <gmock/gmock.h>
 
+#include <list>
+
 #include "tests/unit/broker/relay/stream_scene.h"
 
 namespace eigencast::broker {
@@ -53,6 +55,23 @@ TEST_F(StreamTest, EstimatesOfWorkFollowCoefficientsAndBytes) {
   large.format.codec = "quantised";
   ASSERT_TRUE(stream_.announce(large, ++epoch_));
   EXPECT_LT(100 * 30 * stream_.decoding_us(300, true), 200'000) << "100 streams of 30 keys a second";
+}
+
+TEST_F(StreamTest, ProfilesOfViewersCostTheSenderNothing) {
+  begin();
+  const double alone_us = stream_.decoding_us(36, true);
+  std::list<FakeReceiver> receivers;
+  for (int k = 2; k <= 15; ++k) {
+    for (const Profile::Rate rate : {Profile::Rate::kInterpolated, Profile::Rate::kEstimated}) {
+      for (const std::uint8_t bands : {1, 2}) {
+        const auto scheme = default_scheme(rate);
+        const Profile profile{rate, static_cast<std::uint8_t>(k), Profile::Form::kCompact, bands, scheme};
+        ASSERT_TRUE(stream_.watch(receivers.emplace_back(), profile));
+      }
+    }
+  }
+  ASSERT_GT(stream_.profile_count(), 50u);
+  EXPECT_EQ(stream_.decoding_us(36, true), alone_us);
 }
 
 TEST_F(StreamTest, OnlyEncodingAJoinIsWork) {
