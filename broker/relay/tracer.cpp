@@ -10,13 +10,14 @@ constexpr std::size_t kMaxArrivals = 16;
 }  // namespace
 
 void Tracer::want(const void* who, std::uint32_t every) {
-  if (every == 0) {
-    wanted_.erase(who);
-  } else {
-    wanted_[who] = every;
+  const auto known = wanted_.find(who);
+  if (known != wanted_.end()) {
+    intervals_.erase(intervals_.find(known->second));
+    wanted_.erase(known);
   }
-  every_ = 0;
-  for (const auto& [watcher, wanted] : wanted_) every_ = shorter_interval(every_, wanted);
+  if (every == 0) return;
+  wanted_.emplace(who, every);
+  intervals_.insert(every);
 }
 
 bool Tracer::is_wanted_by(const void* who, std::uint64_t sequence) const {
@@ -25,7 +26,7 @@ bool Tracer::is_wanted_by(const void* who, std::uint64_t sequence) const {
 }
 
 void Tracer::note_key(std::uint64_t sequence, TimeUs arrival_us) {
-  if (every_ == 0) return arrivals_.clear();
+  if (intervals_.empty()) return arrivals_.clear();
   arrivals_.push_back({sequence, arrival_us});
   if (arrivals_.size() > kMaxArrivals) arrivals_.pop_front();
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <set>
 #include <unordered_map>
 
 #include "broker/relay/frame.h"
@@ -23,8 +24,8 @@ class Tracer {
   /// Requests traces for `who` of keys whose sequence is a multiple of `every`; 0: none.
   void want(const void* who, std::uint32_t every);
   bool is_wanted_by(const void* who, std::uint64_t sequence) const;
-  std::uint32_t every() const { return every_; }
-  bool is_traced(std::uint64_t sequence) const { return every_ != 0 && sequence % every_ == 0; }
+  std::uint32_t every() const { return intervals_.empty() ? 0 : *intervals_.begin(); }
+  bool is_traced(std::uint64_t sequence) const { return every() != 0 && sequence % every() == 0; }
 
   void note_key(std::uint64_t sequence, TimeUs arrival_us);
   /// The broker's stages of a frame; nothing if it was not written, is not traced, or its key is too old.
@@ -36,8 +37,8 @@ class Tracer {
     TimeUs arrival_us;
   };
   std::unordered_map<const void*, std::uint32_t> wanted_;
-  std::uint32_t every_ = 0;
-  std::deque<Arrival> arrivals_;  ///< The newest keys; bounded.
+  std::multiset<std::uint32_t> intervals_;  ///< Those of wanted_.
+  std::deque<Arrival> arrivals_;            ///< The newest keys; bounded.
 };
 
 }  // namespace eigencast::broker

@@ -220,6 +220,38 @@ TEST_F(StreamTest, WishesForTheSameFramesShareAProfile) {
   EXPECT_EQ(stream_.profile_count(), 2u);
 }
 
+TEST_F(StreamTest, TracesFollowTheShortestInterval) {
+  FakeReceiver a, b, c;
+  begin();
+  for (FakeReceiver* receiver : {&a, &b, &c}) ASSERT_TRUE(stream_.watch(*receiver, kRaw));
+  stream_.trace(a, 9);
+  stream_.trace(b, 4);
+  stream_.trace(c, 4);
+  EXPECT_EQ(stream_.trace_every(), 4u);
+  stream_.trace(b, 12);
+  stream_.trace(b, 12);
+  EXPECT_EQ(stream_.trace_every(), 4u) << "c still wants them";
+  stream_.unwatch(c);
+  EXPECT_EQ(stream_.trace_every(), 9u);
+  stream_.trace(a, 0);
+  stream_.trace(a, 0);
+  EXPECT_EQ(stream_.trace_every(), 12u);
+  stream_.unwatch(b);
+  EXPECT_EQ(stream_.trace_every(), 0u);
+}
+
+TEST(TracerTest, RequestsVisitNoOtherWatchers) {
+  // Were each to visit all, they would take many times longer than a test may.
+  constexpr std::uint32_t kWatchers = 40'000;
+  Tracer tracer;
+  const std::vector<char> watchers(kWatchers);
+  for (const char& watcher : watchers) tracer.want(&watcher, 1000);
+  for (std::uint32_t i = 0; i < 100 * kWatchers; ++i) tracer.want(&watchers[i % kWatchers], 1000 - i % 3);
+  EXPECT_EQ(tracer.every(), 998u);
+  for (const char& watcher : watchers) tracer.want(&watcher, 0);
+  EXPECT_EQ(tracer.every(), 0u);
+}
+
 control::Trace trace_from(const std::string& text) {
   return std::get<control::Trace>(control_from_text(text).value());
 }
