@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "broker/relay/stream.h"
+#include "common/core/share.h"
 #include "common/recording/writer.h"
 
 namespace eigencast::broker {
@@ -26,7 +27,7 @@ constexpr TimeUs kSyncEveryUs = 1'000'000;
 constexpr TimeUs kRecountEveryUs = 60'000'000;
 constexpr TimeUs kCheckpointEveryUs = 1'000'000;
 constexpr std::size_t kEndedKept = 100;
-constexpr std::size_t kItemBytes = 200;  ///< Approximate size of a queue entry without its payload.
+constexpr std::int64_t kItemBytes = 200;  ///< Approximate size of a queue entry without its payload.
 
 /// What a file takes of the quotas: many small ones cost a folder, and this memory, too.
 constexpr std::uint64_t file_cost(std::uint64_t bytes) {
@@ -102,10 +103,10 @@ struct Recorder::Item {
   FramePtr frame{};                                ///< The key, without its state. Null: the checkpoint bridges it.
   std::shared_ptr<const ChainState> checkpoint{};  ///< The state after it. Null: none is due.
   std::uint64_t dropped = 0;                       ///< Keys dropped before this one.
-  control::Announce announced{};  ///< kAnnounce
+  control::Announce announced{};                   ///< kAnnounce
   CoefficientLayout layout{};
   std::string holder{};
-  std::size_t bytes = 0;
+  std::int64_t bytes = 0;
 };
 
 Recorder::Recorder(Settings settings, AssetStore& assets, LogSink log)
@@ -196,8 +197,11 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   if (!session.announced) announce(found->second, stream);
   const bool gap = session.wants_checkpoint;
   const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
-  const std::size_t bytes = kItemBytes + record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
-  if (totals_.queued_bytes + bytes > settings_.max_queued_bytes) {
+  const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
+  const std::int64_t bytes = kItemBytes + static_cast<std::int64_t>(held);
+  const auto mine = queued_.find(stream.holder().key);
+  const std::int64_t own = mine == queued_.end() ? 0 : mine->second;
+  if (own + bytes > share_of(settings_.max_queued_bytes, totals_.queued_bytes, own)) {
     ++session.dropped;
     ++session.info.dropped;
     ++totals_.dropped;
@@ -213,6 +217,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
         .frame = gap ? nullptr : make_frame(head, record->payload),
         .checkpoint = checkpoint ? record->after : nullptr,
         .dropped = std::exchange(session.dropped, 0),
+        .holder = stream.holder().key,
         .bytes = bytes});
 }
 
@@ -225,6 +230,7 @@ void Recorder::on_stalled(const Stream& stream) {
 
 void Recorder::push(Item item) {
   totals_.queued_bytes += item.bytes;
+  queued_[item.holder] += item.bytes;
   queue_.push_back(std::move(item));
 }
 
@@ -258,6 +264,7 @@ void Recorder::run() {
       }
       const std::lock_guard lock(mutex_);
       totals_.queued_bytes -= item.bytes;
+      if ((queued_[item.holder] -= item.bytes) == 0) queued_.erase(item.holder);
     }
     const bool sync = last || steady_now_us() - synced_us >= kSyncEveryUs;
     if (sync) synced_us = steady_now_us();

@@ -35,9 +35,9 @@ struct RecordingInfo {
 inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting", "recording", "finished", "failed"}};
 
 /// Records streams into files (docs/recording-format.md), one file each, on its own thread.
-/// Keys beyond the bound of the queue are dropped, counted, logged and bridged by a checkpoint: recording never delays
-/// a frame. If the disk fails or is full, or a quota is used up, the recording ends and streaming continues. Files of
-/// earlier runs count towards the quota of all, and are no holder's. Thread-safe.
+/// Keys beyond the bound of the queue, or their holder's share_of() it, are dropped, counted, logged and bridged by a
+/// checkpoint: recording never delays a frame. If the disk fails or is full, or a quota is used up, the recording ends
+/// and streaming continues. Files of earlier runs count towards the quota of all, and are no holder's. Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {
@@ -45,7 +45,7 @@ class Recorder final : public StreamTap {
     std::string software;        ///< Writing software, as named in the files.
     StreamPatterns streams;      ///< Streams recorded whenever they are live.
     bool include_asset = false;  ///< Include the asset's objects.
-    std::uint64_t max_queued_bytes = 16u << 20;
+    std::int64_t max_queued_bytes = 16 << 20;
     std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all recordings in the folder.
     std::uint64_t max_share_percent = 50;                     ///< Of that, for what one sender's holder made.
   };
@@ -55,7 +55,7 @@ class Recorder final : public StreamTap {
     std::uint64_t frames = 0;
     std::uint64_t dropped = 0;
     std::uint64_t bytes = 0;  ///< Written in this run.
-    std::uint64_t queued_bytes = 0;
+    std::int64_t queued_bytes = 0;
     std::uint64_t stored_bytes = 0;  ///< All files in the folder as the quotas count them, anew each minute.
   };
 
@@ -111,6 +111,7 @@ class Recorder final : public StreamTap {
   std::condition_variable stop_;
   std::map<std::string, SessionPtr, std::less<>> sessions_;
   std::deque<Item> queue_;
+  std::map<std::string, std::int64_t> queued_;  ///< Bytes of it, by holder.
   std::deque<RecordingInfo> ended_;
   Totals totals_;
   std::map<std::string, std::uint64_t> holders_;  ///< What their recordings are charged.

@@ -56,6 +56,17 @@ class RecorderTest : public ::testing::Test {
   void send(int keys) {
     for (int i = 0; i < keys; ++i, now_us_ += 33'000) ASSERT_TRUE(stream_->add_frame(sender_.next(now_us_), now_us_));
   }
+  /// A stream of the hub, with a sender that has announced it.
+  Stream& announce_as(Hub& hub, const std::string& name, const std::string& holder, std::size_t asset_bytes) {
+    auto& sender = senders_.emplace_back();
+    Stream& stream = *hub.open(name).value();
+    EXPECT_TRUE(stream.claim(sender));
+    EXPECT_TRUE(hub.admit(stream, {holder, false}, small_announce().format, FakeAccount().charge()));
+    control::Announce announce = small_announce();
+    announce.asset = put(Bytes(asset_bytes, static_cast<std::uint8_t>(name.size()))).hex();
+    EXPECT_TRUE(stream.announce(announce, ++epoch_));
+    return stream;
+  }
   Sha256 put(const Bytes& bytes) {
     auto upload = assets_->begin_upload(sha256(bytes)).value();
     EXPECT_TRUE(upload->write(bytes));
@@ -174,7 +185,7 @@ TEST_F(RecorderTest, PatternsRecordEachSessionIntoItsFile) {
 }
 
 TEST_F(RecorderTest, SlowDiskDropsAndBridgesFrames) {
-  settings_.max_queued_bytes = 4000;
+  settings_.max_queued_bytes = 20'000;
   start();
   announce();
   ASSERT_TRUE(recorder_->start("lab/horse"));
@@ -209,6 +220,30 @@ TEST_F(RecorderTest, QueueHoldsNoStatesOfLargeStreams) {
   auto reader = recording::Reader::open(files().at(0));
   ASSERT_TRUE(reader);
   EXPECT_EQ(reader->info().frames, 299u) << "a checkpoint holds the first";
+}
+
+TEST_F(RecorderTest, QueueHasRoomForOthers) {
+  settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
+  settings_.max_queued_bytes = 65'536;
+  start();
+  Hub hub({.stream = {.taps = {assets_.get(), recorder_.get()}}});
+  std::vector<Stream*> streams;
+  for (const char* name : {"greedy/1", "greedy/2", "good"})
+    streams.push_back(&announce_as(hub, name, std::string(name) == "good" ? "camera" : "other", 10));
+  const auto send_to = [&](std::size_t i) {
+    ++now_us_;
+    ASSERT_TRUE(streams[i]->add_frame(std::next(senders_.begin(), static_cast<int>(i))->next(now_us_), now_us_));
+  };
+  for (int i = 0; i < 20; ++i) {
+    const std::uint64_t dropped = recorder_->totals().dropped;
+    while (recorder_->totals().dropped == dropped) {
+      send_to(0);
+      send_to(1);
+    }
+    send_to(2);
+  }
+  for (const RecordingInfo& info : recorder_->list()) EXPECT_EQ(info.dropped > 0, info.stream != "good") << info.stream;
+  EXPECT_GT(recorder_->totals().dropped, 19u);
 }
 
 TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {
@@ -253,18 +288,8 @@ TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
   settings_.max_total_bytes = 1'000'000;
   start();
   Hub hub({.stream = {.taps = {assets_.get(), recorder_.get()}}});
-  const auto announce_as = [&](const std::string& name, const std::string& holder, std::size_t asset_bytes) {
-    auto& sender = senders_.emplace_back();
-    Stream& stream = *hub.open(name).value();
-    EXPECT_TRUE(stream.claim(sender));
-    EXPECT_TRUE(hub.admit(stream, {holder, false}, small_announce().format, FakeAccount().charge()));
-    control::Announce announce = small_announce();
-    announce.asset = put(Bytes(asset_bytes, static_cast<std::uint8_t>(name.size()))).hex();
-    EXPECT_TRUE(stream.announce(announce, ++epoch_));
-    return &stream;
-  };
-  announce_as("good", "camera", 10'000);
-  announce_as("greedy", "other", 600'000);
+  announce_as(hub, "good", "camera", 10'000);
+  announce_as(hub, "greedy", "other", 600'000);
   const auto is_recording = [&](const std::string& name) {
     const auto list = recorder_->list();
     return std::any_of(list.begin(), list.end(), [&](const RecordingInfo& info) {
@@ -274,9 +299,9 @@ TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
   EXPECT_TRUE(eventually([&] { return is_recording("good") && recorder_->totals().active == 1; })) << log();
   EXPECT_FALSE(is_recording("greedy"));
   EXPECT_THAT(log(), HasSubstr("recording.max_share_percent"));
-  announce_as("greedy/again", "other", 10);
+  announce_as(hub, "greedy/again", "other", 10);
   EXPECT_EQ(recorder_->totals().active, 1u) << "no file anew for what is over its share";
-  announce_as("third", "third", 10);
+  announce_as(hub, "third", "third", 10);
   EXPECT_EQ(recorder_->totals().active, 2u);
 }
 
