@@ -81,7 +81,7 @@ bool UseCount::take(std::int64_t max, std::int64_t amount) {
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
-         listings.is_idle(now_us) && work.is_idle(now_us) && handshakes.is_idle(now_us) &&
+         listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && handshakes.is_idle(now_us) &&
          upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us) &&
          announcements.is_idle(now_us);
 }
@@ -261,6 +261,10 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
 
 std::optional<TimeUs> Grant::take_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
   return take_loop_time(&Account::work, work_us, now_us, max_wait_us);
+}
+
+bool Grant::charge_poses(double work_us, TimeUs now_us) {
+  return take_loop_time(&Account::poses, work_us, now_us, kForeverUs) == 0;
 }
 
 std::optional<TimeUs> Grant::take_handshake(TimeUs now_us, TimeUs max_wait_us) {

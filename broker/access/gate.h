@@ -56,6 +56,7 @@ struct Account {
   RateLimiter requests;
   RateLimiter listings;
   RateLimiter work;
+  RateLimiter poses;
   RateLimiter handshakes;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
@@ -126,6 +127,8 @@ class Grant {
   /// the address's without one, whatever the connection. Returns how long it must wait; nothing: longer than
   /// max_wait_us, and it was not taken.
   std::optional<TimeUs> take_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
+  /// The same for poses between keys that it watches, apart, once they are made: false: the next one has to wait.
+  bool charge_poses(double work_us, TimeUs now_us);
   /// The same for a TLS handshake, apart: newcomers must not delay the messages of those that are in.
   std::optional<TimeUs> take_handshake(TimeUs now_us, TimeUs max_wait_us);
   /// An epoch: there are four billions, for all time. At most kAnnouncementsPerHour. Errors: as take().

@@ -18,6 +18,7 @@ class Subscriber final : public Watcher, public Connection {
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
   std::string holder() const override;
+  bool charge_poses(double work_us) override;
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;

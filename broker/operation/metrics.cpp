@@ -124,7 +124,8 @@ class BrokerMetrics {
       add(known, static_cast<double>(states[i]), {{"state", std::string(name_of(state))}});
     }
     gauge("subscriptions", "Streams watched, summed over connections.", watchers);
-    gauge("poses_failed", "Poses beyond the codec's range, summed over the streams known.", failed);
+    gauge("poses_failed", "Poses left out, summed over the streams known: beyond the codec's range or work_us_per_s.",
+          failed);
     counter("senders_replaced_total", "Senders that another one took the place of.",
             statistics_.counters.senders_replaced);
   }

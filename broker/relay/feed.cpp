@@ -20,6 +20,10 @@ constexpr std::size_t kMaxPrepared = 4;
 constexpr unsigned kSyntheticSpacingNumerator = 5, kSyntheticSpacingDenominator = 2;
 constexpr unsigned kMaxHalfSpacing = 63;
 
+// What the codec takes on one core of 2026, rounded up (bench/codec_rate.cpp): 28 us for a key of 180 bytes, 190 us for
+// a join of 32,768 coefficients that change by nothing.
+constexpr double kEncodedPerUs = 170, kEncodedBytesPerUs = 5;
+
 bool is_compact(const Profile& profile) {
   return profile.rate == Profile::Rate::kInterpolated && profile.form == Profile::Form::kCompact;
 }
@@ -77,9 +81,15 @@ std::int64_t encoded_bytes(const CoefficientLayout& layout, const Profile& profi
   return kFormBytes + values * value_bytes(layout.codec).second * poses;
 }
 
-Feed::Feed(const Profile& profile, const Source& source)
+double encoding_us(const CoefficientLayout& layout, std::size_t bytes) {
+  const double bytes_us = layout.is_float() ? 0 : static_cast<double>(bytes) / kEncodedBytesPerUs;
+  return static_cast<double>(layout.size()) / kEncodedPerUs + bytes_us;
+}
+
+Feed::Feed(const Profile& profile, const Source& source, Payer payer)
     : profile_(profile),
       source_(source),
+      payer_(std::move(payer)),
       mask_(BandMask::lowest(profile.bands) & source.layout.all_bands()),
       pacer_(profile.k, source.max_span_us, further_keys(profile)),
       forecaster_(profile.k, source.max_ahead_us, source.max_span_us) {}
@@ -206,6 +216,7 @@ void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
   if (profile_.form == Profile::Form::kCompact) return out.push_back(make_frame(head, {}));
   const ChainState& state = *last_emitted_->after;
   const bool damped = profile_.scheme == Profile::Scheme::kDamped;
+  if (!payer_(0)) return emit_made(nullptr, out);
   const auto pose = estimate_keys(source_.layout, state.older, state.newer, damped, due.at, due.of);
   emit_made(made(head, last_emitted_->half_spacing, state, pose), out);
 }
@@ -216,17 +227,22 @@ void Feed::emit_made(FramePtr frame, std::vector<FramePtr>& out) {
 }
 
 FramePtr Feed::synthetic(const KeyRecord& record, const Pacer::Due& due) {
+  if (!payer_(0)) return nullptr;
   return made(envelope(FrameKind::kSynthetic, record, &due), record.half_spacing, *record.before,
               pose_between(record, due));
 }
 
 FramePtr Feed::made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const {
-  if (!pose) return nullptr;
-  const unsigned half_spacing =
-      std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticSpacingNumerator / kSyntheticSpacingDenominator);
-  pose->bands &= mask_;  // Bands are encoded independently.
-  head.bands = pose->bands;
-  const auto payload = encode_pose(source_.layout, state, *std::move(pose), static_cast<std::uint8_t>(half_spacing));
+  std::optional<Bytes> payload;
+  if (pose) {
+    const unsigned half_spacing =
+        std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticSpacingNumerator / kSyntheticSpacingDenominator);
+    pose->bands &= mask_;  // Bands are encoded independently.
+    head.bands = pose->bands;
+    if (auto coded = encode_pose(source_.layout, state, *std::move(pose), static_cast<std::uint8_t>(half_spacing)))
+      payload = *std::move(coded);
+  }
+  payer_(encoding_us(source_.layout, payload ? payload->size() : 0));
   return payload ? make_frame(head, *payload) : nullptr;
 }
 
@@ -240,7 +256,8 @@ void Feed::prepare() {
     if (due.at == due.of || (*record)->sequence != due.sequence || !(*record)->before) continue;
     if (!prepared_.empty() && order_of(due) <= order_of(*prepared_.back())) continue;
     FramePtr frame = synthetic(**record, due);
-    if (frame) prepared_.push_back(std::move(frame));  // A failure is counted when the pose is due.
+    if (!frame) return;  // Counted when the pose is due.
+    prepared_.push_back(std::move(frame));
   }
 }
 

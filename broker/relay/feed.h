@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -17,6 +18,9 @@
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
+
+/// About how long a key or pose takes to encode into so many bytes, its interpolation included.
+double encoding_us(const CoefficientLayout& layout, std::size_t bytes);
 
 /// One key of a stream as the publisher sent it, with the codec state before and after it. Immutable; feeds share it.
 struct KeyRecord {
@@ -60,8 +64,11 @@ class Feed {
     TimeUs max_ahead_us = 200'000;  ///< Estimates end this long after the newest key.
   };
 
+  /// Counts what encoding poses took; false: the budget is used up, and poses, never keys, are left out. 0: asks.
+  using Payer = std::function<bool(double work_us)>;
+
   /// profile  bands within the layout; Hermite only with velocities
-  Feed(const Profile& profile, const Source& source);
+  Feed(const Profile& profile, const Source& source, Payer payer);
 
   /// Starts from a key that arrived before this feed existed. REQUIRES: nothing was added yet.
   void begin_at(KeyRecordPtr record);
@@ -82,7 +89,7 @@ class Feed {
   bool has_join() const { return join_ != nullptr; }
 
   const Profile& profile() const { return profile_; }
-  /// Poses since the last call that could not be encoded (a value beyond the codec's range).
+  /// Poses since the last call that were not encoded: beyond the codec's range, or not paid for.
   std::uint64_t take_failed_poses() { return std::exchange(failed_poses_, 0); }
 
  private:
@@ -107,6 +114,7 @@ class Feed {
 
   Profile profile_;
   Source source_;
+  Payer payer_;
   BandMask mask_;
   Pacer pacer_;                       ///< Paces interpolated poses.
   Forecaster forecaster_;             ///< Paces estimated poses.

@@ -27,10 +27,12 @@ Profile canonical(Profile profile) {
   return profile;
 }
 
-// What the codec takes on one core of 2026, rounded up (bench/codec_rate.cpp): 16 us for a key of 180 bytes, 28 us to
-// encode it, 73 us for 32,768 coefficients that change by nothing, 190 us to encode these as a join.
+// What the codec takes on one core of 2026, rounded up (bench/codec_rate.cpp): 16 us for a key of 180 bytes, 73 us for
+// 32,768 coefficients that change by nothing.
 constexpr double kDecodedPerUs = 450, kDecodedBytesPerUs = 8, kFloatBytesPerUs = 2000;
-constexpr double kEncodedPerUs = 170, kEncodedBytesPerUs = 5;
+
+// Asked to pay for a pose, at most: a crowd that cannot must not cost more than the pose.
+constexpr std::size_t kMaxPayersAsked = 8;
 
 std::shared_ptr<const std::string> framed_text(const std::string& json) {
   return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, json));
@@ -336,10 +338,7 @@ FramePtr Stream::join_for(const Watcher& watcher, double* work_us) {
   Feed& feed = found->second.group->feed;
   const bool encodes = !feed.has_join();
   FramePtr join = feed.join();
-  if (encodes && join && work_us != nullptr) {
-    *work_us += static_cast<double>(layout_.size()) / kEncodedPerUs;
-    if (!layout_.is_float()) *work_us += static_cast<double>(join->wire.size()) / kEncodedBytesPerUs;
-  }
+  if (encodes && join && work_us != nullptr) *work_us += encoding_us(layout_, join->wire.size());
   return join;
 }
 
@@ -413,6 +412,13 @@ std::shared_ptr<void> Stream::forget(const Watcher& watcher) {
   std::erase(group->watchers, &watcher);
   if (group->watchers.empty()) groups_.erase(Profile(group->feed.profile()));
   return place;
+}
+
+bool Stream::Group::charge_poses(double work_us) {
+  if (work_us > 0) return watchers[payer % watchers.size()]->charge_poses(work_us);
+  for (std::size_t asked = 0; asked < kMaxPayersAsked; ++asked, ++payer)
+    if (watchers[payer % watchers.size()]->charge_poses(0)) return true;
+  return false;
 }
 
 void Stream::deliver(Group& group) {

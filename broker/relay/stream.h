@@ -28,6 +28,8 @@ class Watcher {
   virtual ~Watcher() = default;
   /// Whose share of a stream's places and of memory it takes (see Shares).
   virtual std::string holder() const { return {}; }
+  /// Counts what encoding poses for it took; false: its holder's budget for that is used up. 0: asks.
+  virtual bool charge_poses(double /*work_us*/) { return true; }
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
   virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) = 0;
@@ -225,9 +227,12 @@ class Stream {
  private:
   friend class Hub;
   struct Group {
-    Group(const Profile& profile, const Feed::Source& source) : feed(profile, source) {}
+    Group(const Profile& profile, const Feed::Source& source)
+        : feed(profile, source, [this](double work_us) { return charge_poses(work_us); }) {}
+    bool charge_poses(double work_us);
     Feed feed;
     std::vector<Watcher*> watchers;
+    std::size_t payer = 0;          ///< Who of them, modulo their number, pays for poses while it can.
     std::vector<FramePtr> pending;  ///< Made, waiting for deliver().
     std::vector<FramePtr> traced;   ///< Sent frames whose traces are due.
     std::shared_ptr<void> memory;

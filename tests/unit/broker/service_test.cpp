@@ -9,6 +9,7 @@
 #include <atomic>
 #include <filesystem>
 #include <fstream>
+#include <list>
 #include <mutex>
 #include <stdexcept>
 #include <thread>
@@ -372,6 +373,32 @@ TEST_F(ServiceTest, KeysBeyondTheBudgetAreReadLater) {
   flood->send(control::Ping{7, 9});
   EXPECT_EQ(flood->wait_for<control::Pong>().id, 7u);
   EXPECT_GT(told, 0);
+  stop();
+}
+
+TEST_F(ServiceTest, PosesBeyondTheBudgetOfTheirViewersAreLeftOut) {
+  config_.per_address.work_us_per_s = 1'000;
+  stop();
+  start();
+  const auto sends = sender("a");
+  std::list<Client> viewers;
+  for (const char* query : {"k=15", "k=14", "rate=estimated&k=15", "rate=estimated&k=14"})
+    viewers.emplace_back(port_, std::string("/v1/subscribe/a?") + query).wait_for<control::StreamInfo>();
+  const auto left_out = [&] {
+    const std::string metrics = http_request(admin_port_, "GET", "/metrics").body;
+    return metrics.find("\neigencast_broker_poses_failed 0\n") == std::string::npos;
+  };
+  FakeSender motion;
+  std::uint64_t sent = 0;
+  for (TimeUs at = 0; sent < 20 || !left_out(); at += kInterval, ++sent) {
+    sends->send_frame(motion.next(at));
+    std::this_thread::sleep_for(std::chrono::microseconds(kInterval));
+  }
+  for (std::uint64_t newest = 0; newest + 2 < sent;) {
+    const FramePtr frame = viewers.front().next_frame();
+    ASSERT_NE(frame, nullptr);
+    if (frame->is_key) newest = frame->envelope.sequence;
+  }
   stop();
 }
 

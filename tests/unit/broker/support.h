@@ -84,6 +84,11 @@ class FakeReceiver : public Watcher {
   void on_frames(const Stream&, std::span<const FramePtr> received) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
 
+  bool charge_poses(double work_us) override {
+    charged_us += work_us;
+    return charged_us < budget_us;
+  }
+
   virtual void on_frame(const FramePtr& frame);
   void decode(const Frame& frame);
 
@@ -92,6 +97,7 @@ class FakeReceiver : public Watcher {
   std::vector<Pose> poses;  ///< Shown ones: without those marked kAhead.
   std::vector<std::string> traces;
   int undecodable = 0;
+  double charged_us = 0, budget_us = 1e9;  ///< Of encoding poses.
 
  private:
   void decode_key_frame(const Envelope& head, ByteView payload);

@@ -655,6 +655,19 @@ TEST_F(GateTest, WorkIsBudgetedPerHolder) {
   EXPECT_EQ(neighbour->take_work(900'000, 3 * kSecond, 0), 0) << "more than comes at once, by one that is idle";
 }
 
+TEST_F(GateTest, PosesHaveABudgetOfTheirOwn) {
+  config_.per_token.work_us_per_s = 1'000'000;
+  const auto request = request_from("1.1.1.1", token_for("a", {"**"}, {}));
+  const auto grant = let_in(request);
+  EXPECT_TRUE(grant->charge_poses(0, kSecond));
+  EXPECT_TRUE(grant->charge_poses(80'000, kSecond)) << "at once";
+  EXPECT_FALSE(grant->charge_poses(20'000, kSecond)) << "made, and counted";
+  EXPECT_FALSE(let_in(request)->charge_poses(0, kSecond + 10'000)) << "of another connection, too";
+  EXPECT_TRUE(grant->charge_poses(0, kSecond + 20'000)) << "asking costs nothing";
+  EXPECT_EQ(grant->take_work(80'000, kSecond, 0), 0) << "no message waits for poses";
+  EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})))->charge_poses(0, kSecond));
+}
+
 TEST_F(GateTest, HandshakesAreBudgetedPerAddressBeforeAnyToken) {
   config_.per_address.work_us_per_s = 1'000;
   config_.proxy.trusted = {"10.0.0.1"};

@@ -143,7 +143,7 @@ TEST_F(RateModesTest, PreparedPosesEqualPosesMadeWhenDue) {
 }
 
 TEST(FeedTest, PosesArePreparedUntilOvertaken) {
-  Feed feed(interpolated(Scheme::kLinear), Feed::Source{small_layout(), {}, 7, 1});
+  Feed feed(interpolated(Scheme::kLinear), Feed::Source{small_layout(), {}, 7, 1}, [](double) { return true; });
   std::vector<FramePtr> left;
   TimeUs now_us = kStart;
   std::shared_ptr<const ChainState> newest;

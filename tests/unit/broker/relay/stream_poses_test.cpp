@@ -3,6 +3,9 @@
 // The poses of a stream, as each profile gives them.
 #include "broker/relay/stream.h"
 
+#include <cmath>
+#include <functional>
+
 #include "tests/unit/broker/relay/stream_scene.h"
 
 namespace eigencast::broker {
@@ -54,6 +57,140 @@ TEST_F(StreamPosesTest, FullInterpolatesBetweenNeighbours) {
   for (std::size_t i = 1; i < receiver.poses.size(); ++i) {
     EXPECT_EQ(receiver.poses[i].envelope.capture_us - receiver.poses[i - 1].envelope.capture_us, kInterval / 3);
   }
+}
+
+/// Keys of one band, without a network, and what a viewer of them gets and is charged.
+class LargeStream : public PublisherLink, public Watcher {
+ public:
+  LargeStream(std::uint32_t rows, std::uint32_t channels, std::uint8_t half_spacing)
+      : layout_{CodecKind::kQuantised, rows, channels, {rows}}, half_spacing_(half_spacing) {
+    control::Announce announce;
+    announce.format = {rows, channels, {rows}, "quantised"};
+    announce.key_rate_hz = 30;
+    EXPECT_TRUE(stream_.claim(*this));
+    EXPECT_TRUE(stream_.announce(announce, 1));
+  }
+  ~LargeStream() override {
+    stream_.unwatch(*this);
+    stream_.release(*this);
+  }
+  void watch(const Profile& profile) { ASSERT_TRUE(stream_.watch(*this, profile)); }
+  /// Publishes a key each 33 ms; `value` of a key's number and a coefficient's. Returns the bytes of the last.
+  std::size_t play(int keys, const std::function<double(int, int)>& value) {
+    std::size_t bytes = 0;
+    for (int i = 0; i < keys; ++i, ++number_) {
+      Key key = empty_key(layout_, 1, 100);
+      for (std::size_t j = 0; j < key.q.size(); ++j)
+        key.q[j] = static_cast<std::int32_t>(std::lround(value(number_, static_cast<int>(j))));
+      Envelope head;
+      head.sequence = static_cast<std::uint64_t>(number_);
+      head.capture_us = now_;
+      head.bands = 1;
+      head.kind = state_ ? FrameKind::kKey : FrameKind::kJoin;
+      Bytes payload, message;
+      if (state_) {
+        CodedKey coded = encode_key(layout_, *state_, key, half_spacing_).value();
+        payload = std::move(coded.payload);
+        key = std::move(coded.key);
+      }
+      state_ = advanced(std::move(state_), key, 33'000);
+      if (number_ == 0) payload = encode_join(layout_, *state_).value();
+      append_envelope(head, message);
+      message.insert(message.end(), payload.begin(), payload.end());
+      bytes = payload.size();
+      EXPECT_TRUE(stream_.add_frame(message, now_));
+      stream_.prepare();
+      for (const TimeUs end = now_ + 33'000; now_ < end; now_ += 1000) stream_.pump(now_);
+    }
+    return bytes;
+  }
+
+  void on_watcher_count(std::uint32_t) override {}
+  void on_stream_changed(const Stream&, bool) override {}
+  void on_trace(const std::shared_ptr<const std::string>&) override {}
+  void on_frames(const Stream&, std::span<const FramePtr> frames) override {
+    for (const FramePtr& frame : frames) {
+      if (frame->is_key) continue;
+      ++poses;
+      pose_bytes += frame->wire.size();
+    }
+  }
+  bool charge_poses(double work_us) override {
+    charged_us += work_us;
+    return true;
+  }
+  std::size_t poses = 0, pose_bytes = 0;
+  double charged_us = 0;
+
+ private:
+  const CoefficientLayout layout_;
+  const std::uint8_t half_spacing_;
+  Stream stream_{"large", 1, Stream::Settings{}};
+  std::optional<ChainState> state_;
+  int number_ = 0;
+  TimeUs now_ = 1'000'000;
+};
+
+TEST_F(StreamPosesTest, PosesAreLeftOutWhereNoViewerPays) {
+  begin();
+  for (const char* query : {"k=15", "k=15&scheme=catmull-rom", "rate=estimated&k=15"}) {
+    SCOPED_TRACE(query);
+    const Profile profile = profile_from_query(query).value();
+    FakeReceiver poor, rich, other;
+    poor.budget_us = 50;
+    ASSERT_TRUE(stream_.watch(poor, profile));
+    if (const FramePtr join = stream_.join_for(poor)) poor.decode(*join);
+    play(3);
+    poor.frames.clear();
+    const std::uint64_t failed = stream_.poses_failed();
+    play(20);
+    wait(3 * kInterval);
+    const auto keys_of = [](const FakeReceiver& receiver) {
+      return std::count_if(receiver.frames.begin(), receiver.frames.end(), [](const auto& f) { return f->is_key; });
+    };
+    EXPECT_GE(keys_of(poor), 19) << "keys always come";
+    EXPECT_GT(stream_.poses_failed(), failed + 200);
+    EXPECT_LT(poor.charged_us, 60) << "one beyond the budget, at most";
+    EXPECT_EQ(poor.undecodable, 0);
+
+    ASSERT_TRUE(stream_.watch(rich, profile));
+    const double charged_us = poor.charged_us;
+    poor.frames.clear();
+    play(20);
+    EXPECT_EQ(poor.charged_us, charged_us);
+    EXPECT_GT(rich.charged_us, 0);
+    EXPECT_GT(poor.frames.size(), 250u) << "another viewer pays";
+    ASSERT_TRUE(stream_.watch(other, profile_from_query("k=14").value()));
+    stream_.unwatch(rich);
+    poor.frames.clear();
+    play(20);
+    EXPECT_LT(poor.frames.size(), 30u) << "not one of another profile";
+    EXPECT_GT(other.frames.size(), 250u);
+    stream_.unwatch(poor);
+    stream_.unwatch(other);
+  }
+}
+
+TEST_F(StreamPosesTest, PosesCostWhatTheyTakeWhateverTheirKeysCost) {
+  LargeStream still(4096, 8, 8), moving(4096, 8, 8);
+  for (LargeStream* stream : {&still, &moving}) stream->watch(profile_from_query("k=15").value());
+  EXPECT_LT(still.play(6, [](int, int) { return 0; }), 20u);
+  EXPECT_GT(still.poses, 40u);
+  EXPECT_GT(still.charged_us, 190 * static_cast<double>(still.poses));
+  moving.play(6, [](int i, int j) { return i * (j * 7919 % 8000 - 4000); });
+  EXPECT_GT(moving.pose_bytes, 10'000 * moving.poses);
+  EXPECT_GT(moving.charged_us, 190 * static_cast<double>(moving.poses) + static_cast<double>(moving.pose_bytes) / 10);
+}
+
+TEST_F(StreamPosesTest, OneViewerMayWatchAHundredStreams) {
+  LargeStream stream(300, 3, 3);
+  stream.watch(kFull);
+  const auto smooth = [](int i, int j) { return 25'000. / (20 + j) * std::sin(i * 0.15 + j); };
+  EXPECT_GT(stream.play(30, smooth), 180u) << "as of a typical surface";
+  stream.charged_us = 0;
+  stream.play(30, smooth);
+  EXPECT_GT(stream.charged_us, 0);
+  EXPECT_LT(100 * stream.charged_us, 125'000) << "half of per_address.work_us_per_s";
 }
 
 TEST_F(StreamPosesTest, CompactEqualsFull) {
