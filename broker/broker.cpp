@@ -325,7 +325,7 @@ void Broker::drain() {
 
 void Broker::wait_for_peers(std::chrono::steady_clock::time_point until) {
   const Counters& counters = context().counters;
-  const bool empty = websockets() == 0 && counters.uploads_now + counters.downloads_now == 0;
+  const bool empty = websockets() == 0 && counters.uploads_now + counters.downloads_now + counters.answers_now == 0;
   if (empty || std::chrono::steady_clock::now() >= until) return loop().stop();
   run_after(deadline_, std::chrono::milliseconds(20), [this, until] { wait_for_peers(until); });
 }

@@ -80,7 +80,7 @@ std::string IpAddress::text() const {
 }
 
 std::string IpAddress::limit_key() const {
-  return is_v4() ? text() : ip::network_v6(ip::address_v6(bytes), 64).canonical().to_string();
+  return is_v4() ? text() : ip::network_v6(ip::address_v6(bytes), 48).canonical().to_string();
 }
 
 Result<IpRange> IpRange::from_text(std::string_view text) {

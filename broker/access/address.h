@@ -21,7 +21,7 @@ struct IpAddress {
   std::string text() const;
   bool is_v4() const;
   bool is_loopback() const;
-  /// The key of usage limits: the address; for IPv6 its /64, which usually belongs to one host.
+  /// The key of usage limits: the address; for IPv6 its /48, the largest that one site is usually given (RFC 6177).
   std::string limit_key() const;
   auto operator<=>(const IpAddress&) const = default;
 };

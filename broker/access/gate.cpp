@@ -32,8 +32,7 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
-constexpr double kWorkAtOnceS = 0.08;  ///< By default 20 ms: others wait no longer.
-constexpr double kHandshakeUs = 200;   ///< 171 with P-256, 380 with RSA of 2048 bits.
+constexpr double kWorkAtOnceS = 0.02;  ///< By default 5 ms: others wait no longer for each holder.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
   const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
@@ -81,7 +80,7 @@ bool UseCount::take(std::int64_t max, std::int64_t amount) {
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
-         listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && handshakes.is_idle(now_us) &&
+         listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && http_work.is_idle(now_us) &&
          upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us) &&
          announcements.is_idle(now_us);
 }
@@ -197,17 +196,20 @@ void Grant::count(Resource resource, std::int64_t amount) {
   for (Holder& holder : holders_) holder.account->resources[index].add(amount);
 }
 
+Result<void> Grant::take_share(Resource resource, std::int64_t max, std::int64_t used) {
+  if (auto taken = take(resource); !taken) return taken;
+  const auto index = static_cast<std::size_t>(resource);
+  const std::int64_t own = holders_.back().account->resources[index].count();
+  if (own <= share_of(max, used, own - 1, spared_)) return {};
+  give_back(resource);
+  return too_few_free(("max_" + std::string(kResourceNames[index])).c_str(), max);
+}
+
 Result<void> Grant::take_place(std::int64_t open, Grant* former) {
   constexpr Resource kPlace = Resource::kConnection;
   const std::int64_t had = former != nullptr ? former->taken_[static_cast<std::size_t>(kPlace)] : 0;
   if (had > 0) former->give_back(kPlace);
-  auto taken = take(kPlace);
-  const std::int64_t max = policy_->max_connections();
-  const std::int64_t own = holders_.back().account->resources[static_cast<std::size_t>(kPlace)].count();
-  if (taken && own > share_of(max, open, own - 1, spared_)) {
-    give_back(kPlace);
-    taken = too_few_free("max_connections", max);
-  }
+  auto taken = take_share(kPlace, policy_->max_connections(), open);
   if (!taken && had > 0) former->count(kPlace, 1);
   return taken;
 }
@@ -267,9 +269,9 @@ bool Grant::charge_poses(double work_us, TimeUs now_us) {
   return take_loop_time(&Account::poses, work_us, now_us, kForeverUs) == 0;
 }
 
-std::optional<TimeUs> Grant::take_handshake(TimeUs now_us, TimeUs max_wait_us) {
+std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
   if (policy_->is_trusted_proxy(identity_.client.address)) return 0;
-  return take_loop_time(&Account::handshakes, kHandshakeUs, now_us, max_wait_us);
+  return take_loop_time(&Account::http_work, work_us, now_us, max_wait_us);
 }
 
 std::optional<TimeUs> Grant::take_loop_time(RateLimiter Account::*limiter, double us, TimeUs now_us,

@@ -19,6 +19,8 @@
 
 namespace eigencast::broker {
 
+/// What a read costs an event loop, however few bytes it brings: a system call, or a TLS record.
+inline constexpr double kReadUs = 3;
 inline constexpr TimeUs kForeverUs = std::numeric_limits<TimeUs>::max();
 
 /// Takes an amount while no more than `burst` is ahead of the steady rate (the generic cell rate algorithm, ATM Forum
@@ -57,7 +59,7 @@ struct Account {
   RateLimiter listings;
   RateLimiter work;
   RateLimiter poses;
-  RateLimiter handshakes;
+  RateLimiter http_work;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
   RateLimiter failures;
@@ -107,10 +109,12 @@ class Grant {
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
   Result<void> take(Resource resource);
   void give_back(Resource resource);
+  /// Takes one of `max` of all, of which `used` are in use, within the holder's share_of() them. Errors: as take().
+  Result<void> take_share(Resource resource, std::int64_t max, std::int64_t used);
   /// Takes kConnection, within the holder's share_of() limits.max_connections while `open` others are open, over from
   /// `former`, if that has it, whose it stays on failure. On the thread of Gate::accept(). Errors: as take().
   Result<void> take_place(std::int64_t open, Grant* former = nullptr);
-  /// The same for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
+  /// take() for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
   Result<std::shared_ptr<void>> hold(Resource resource) const;
   std::string holder() const;  ///< Whose limits hold() counts towards: a key among tokens and addresses.
   /// Whether it comes from this machine, through no proxy known to be one, and so may have more than its share.
@@ -129,8 +133,9 @@ class Grant {
   std::optional<TimeUs> take_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
   /// The same for poses between keys that it watches, apart, once they are made: false: the next one has to wait.
   bool charge_poses(double work_us, TimeUs now_us);
-  /// The same for a TLS handshake, apart: newcomers must not delay the messages of those that are in.
-  std::optional<TimeUs> take_handshake(TimeUs now_us, TimeUs max_wait_us);
+  /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted
+  /// proxies have no limit.
+  std::optional<TimeUs> take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
   /// An epoch: there are four billions, for all time. At most kAnnouncementsPerHour. Errors: as take().
   Result<void> take_announcement(TimeUs now_us);
   static constexpr double kAnnouncementsPerHour = 36'000;

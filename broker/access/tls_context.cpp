@@ -80,6 +80,7 @@ Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config) {
   if (!context) return fail(ErrorCode::kInternal, "no TLS: " + openssl_reason());
   const bool only_13 = config.tls.min_version == "1.3";
   SSL_CTX_set_cipher_list(context.get(), kCiphers);
+  SSL_CTX_set1_groups_list(context.get(), "X25519:P-256");  // Others take up to 100 times as long.
   SSL_CTX_set_min_proto_version(context.get(), only_13 ? TLS1_3_VERSION : TLS1_2_VERSION);
   SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE |
                                          SSL_OP_PRIORITIZE_CHACHA);

@@ -18,7 +18,7 @@ using websocket::Opcode;
 
 // Reads per turn, and work, so that a busy sender does not starve other connections.
 constexpr int kMaxReads = 4;
-constexpr double kTurnUs = 2'000;
+constexpr double kTurnUs = 500;
 
 constexpr double kBinaryBytesPerUs = 2'000;
 // JSON at its worst, "[]" over and over; acknowledgements and all else that is common is shorter.
@@ -27,13 +27,26 @@ constexpr double kShortBytes = 1024, kJsonBytesPerUs = 28;
 constexpr TimeUs kMaxPauseUs = 2'000'000;
 // Rare, so that a pause costs little beside what it is for.
 constexpr TimeUs kMinPauseUs = 5'000;
-constexpr double kPauseUs = 5;
+constexpr double kPauseUs = 20;
 
 // A client whose rights changed may reconnect at once.
 constexpr std::uint32_t kRightsRetryMs = 500;
 
+constexpr double kAnswerUs = 3;
+
 // Longer control messages count as several.
 constexpr double kBytesPerMessage = 256;
+
+double json_us(std::uint64_t bytes) {
+  return std::max(static_cast<double>(bytes) - kShortBytes, 0.0) / kJsonBytesPerUs;
+}
+
+/// What it takes beyond its reading; an acknowledgement nothing.
+double work_us_of(const ControlMessage& message) {
+  if (std::holds_alternative<control::Announce>(message)) return 100;
+  if (std::holds_alternative<control::Subscribe>(message)) return 45;
+  return std::holds_alternative<control::Ack>(message) ? 0 : kAnswerUs;
+}
 
 /// What it makes the loop do, in messages of the cheapest kind, which take about a microsecond.
 int weight_of(const ControlMessage& message) {
@@ -121,7 +134,10 @@ void Connection::on_readable() {
     if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
     last_input_us_ = context_.turn.now_us();
     pinged_ = false;
+    unpaid_us_ = kReadUs;  // Included in the cost of a frame that begins.
     if (!take_input(buffer.first(outcome.bytes))) return;
+    if (unpaid_us_ > 0) pay(0);
+    if (paused_) return;
     if (!transport_.is_tls() && outcome.bytes < buffer.size()) break;
   }
   wait_to_read(Transport::Wait::kReadable);
@@ -166,6 +182,7 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::on_ping(std::string_view payload) {
+  charge(kAnswerUs);
   const bool late = !outbox_.push_pong(std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload)));
   if (late && !blocked_) flush();
   schedule_write();
@@ -195,8 +212,8 @@ void Connection::begin_frame(const websocket::MessageReader::Event& event) {
   const bool binary = event.opcode == Opcode::kBinary;
   const auto bytes = static_cast<double>(event.bytes);
   const double messages = 1 + bytes / kBytesPerMessage;
-  unpaid_us_ =
-      binary ? binary_work_us(event.bytes, event.last) : std::max(messages, (bytes - kShortBytes) / kJsonBytesPerUs);
+  unpaid_us_ = binary ? binary_work_us(event.bytes, event.last)
+                      : std::max(messages, json_us(event.before + event.bytes) - json_us(event.before));
   pay(binary ? 0 : take_control(messages));
 }
 
@@ -396,9 +413,8 @@ void Connection::on_text(std::string_view text) {
   ++context_.counters.control_received;
   const auto message = control_from_text(text);
   if (!message) return refuse_text(message.error());
-  const double more = weight_of(*message) - 1;
-  (void)take_control(more);
-  charge(more);
+  (void)take_control(weight_of(*message) - 1);
+  charge(work_us_of(*message));
   const auto* ping = std::get_if<control::Ping>(&*message);
   if (ping != nullptr) return send(control::Pong{ping->id, ping->time_us, steady_now_us()});
   if (!std::holds_alternative<control::Pong>(*message)) on_message(*message);

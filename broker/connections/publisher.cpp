@@ -13,6 +13,7 @@ namespace {
 
 /// A sender asks whether its surface is here before it announces it.
 constexpr TimeUs kContestUs = 3'000'000;
+constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
 
 }  // namespace
 
@@ -127,6 +128,7 @@ void Publisher::begin(const control::Announce& announce, const std::string& secr
     return refuse(epoch.error(), name_, websocket::CloseCode::kPolicy);
   }
   if (auto begun = stream_->announce(announce, *epoch, proof); !begun) return send_error(begun.error(), name_);
+  charge(kBeginAnewUs * stream_->watchers());
   log(context().log, LogLevel::kInfo,
       name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);

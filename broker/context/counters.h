@@ -51,6 +51,7 @@ struct EventCounts {
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;
   std::uint64_t uploads_now = 0;
+  std::uint64_t answers_now = 0;  ///< Being sent, over HTTP.
   std::uint64_t upload_bytes = 0;
   std::uint64_t downloads = 0;
   std::uint64_t downloads_now = 0;

@@ -18,6 +18,7 @@ namespace {
 constexpr std::size_t kChunkBytes = 64 * 1024;
 constexpr int kRetryAfterS = 60;
 constexpr double kChunksPerUs = 10;  ///< Parsed.
+constexpr TimeUs kMaxChunksWaitUs = 2'000'000;
 
 Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) {
   for (;;) {
@@ -212,7 +213,8 @@ class Upload : public std::enable_shared_from_this<Upload> {
     }
     context_.counters.upload_bytes += count;
     const std::uint64_t chunks = connection_->body_chunks() - std::exchange(chunks_, connection_->body_chunks());
-    const TimeUs wait_us = *grant_.take_work(static_cast<double>(chunks) / kChunksPerUs, steady_now_us(), kForeverUs);
+    const double work_us = static_cast<double>(chunks) / kChunksPerUs;
+    const auto wait_us = grant_.take_http_work(work_us, steady_now_us(), kMaxChunksWaitUs).value_or(kMaxChunksWaitUs);
     connection_->later(chunks > 0 ? wait_us : 0, [self = shared_from_this(), count] { self->write(count); });
   }
 
@@ -284,12 +286,15 @@ void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   Context& context = connection.context();
-  if (context.counters.uploads_now >= static_cast<std::uint64_t>(context.config.limits.max_uploads)) {
+  const std::int64_t max = context.config.limits.max_uploads;
+  const auto now = static_cast<std::int64_t>(context.counters.uploads_now);
+  if (now >= max) {
     return connection.answer_error(HttpStatus::kServiceUnavailable,
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                                    {{"Retry-After", "1"}});
   }
-  if (auto slot = grant.take(Resource::kUpload); !slot) return connection.answer_limit(slot.error().message);
+  const auto slot = grant.take_share(Resource::kUpload, max, now);
+  if (!slot) return connection.answer_limit(slot.error().message);
   const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us());
   if (!taken) {
     grant.give_back(Resource::kUpload);

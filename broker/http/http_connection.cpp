@@ -40,7 +40,35 @@ IpAddress peer_of(const Socket& socket) {
   return gone ? IpAddress{} : IpAddress::from_text(endpoint.address().to_string()).value_or(IpAddress{});
 }
 
+/// What Beast reads from: the transport, at the pace that the budget allows.
 struct HttpConnection::Wire {
+  using executor_type = Transport::executor_type;
+  explicit Wire(HttpConnection& owner) : connection(owner) {}
+  executor_type get_executor() const { return connection.transport_.get_executor(); }
+
+  template <typename Buffers, typename Handler>
+  auto async_read_some(const Buffers& buffers, Handler&& handler) {
+    enum class Step { kRead, kPace, kEnd };
+    return asio::async_compose<Handler, void(ErrorOf, std::size_t)>(
+        [&on = connection, buffers, step = Step::kRead, result = ErrorOf(), count = std::size_t{0}](
+            auto& self, ErrorOf error = {}, std::size_t bytes = 0) mutable {
+          if (step == Step::kRead) {
+            step = Step::kPace;
+            return on.transport_.async_read_some(buffers, std::move(self));
+          }
+          if (step == Step::kPace) {
+            step = Step::kEnd;
+            result = error;
+            count = bytes;
+            if (Timer* const pace = error ? nullptr : on.pace()) return pace->async_wait(std::move(self));
+          }
+          if (!on.transport_.socket().is_open()) result = asio::error::operation_aborted;
+          self.complete(result, count);
+        },
+        handler, connection.transport_);
+  }
+
+  HttpConnection& connection;
   beast::flat_buffer buffer;
   std::optional<http::request_parser<http::buffer_body>> parser;
   std::size_t head_bytes = 0;
@@ -53,7 +81,7 @@ HttpConnection::HttpConnection(Context& context, Transport transport)
     : context_(context),
       transport_(std::move(transport)),
       timer_(context.loop.get_executor()),
-      wire_(std::make_unique<Wire>()),
+      wire_(std::make_unique<Wire>(*this)),
       peer_(peer_of(transport_.socket())) {}
 
 HttpConnection::~HttpConnection() = default;
@@ -151,6 +179,7 @@ void HttpConnection::later(TimeUs wait_us, std::function<void()> then) {
 
 void HttpConnection::close() {
   timer_.cancel();
+  if (pace_) pace_->cancel();
   transport_.close();
 }
 
@@ -158,17 +187,33 @@ void HttpConnection::start() {
   if (!transport_.is_tls()) return read_head();
   // Before any cryptography: a copied ClientHello costs its sender nothing, and the broker a signature.
   const auto wait_us = handshake_wait_us();
-  wait_us ? later(*wait_us, [this] { shake_hands(); }) : close();
+  if (!wait_us) return close();
+  later(*wait_us, [this] {
+    arm(limits().head_ms);
+    shake_hands();
+  });
 }
 
 void HttpConnection::shake_hands() {
-  arm(limits().head_ms);
-  transport_.async_handshake([self = shared_from_this()](ErrorOf error) {
-    if (!error) return self->read_head();
-    // Closing with unread bytes sends a reset, which would discard the TLS alert.
-    self->transport_.end_writing();
-    self->drain(self->transport_.socket());
-  });
+  const Transport::Outcome outcome = transport_.shake_hands();
+  if (outcome.wait != Transport::Wait::kNo) {
+    return transport_.async_wait(outcome.wait, [self = shared_from_this()](ErrorOf error) {
+      const auto go_on = [self](ErrorOf ended) { ended ? self->close() : self->shake_hands(); };
+      if (Timer* const pace = error ? nullptr : self->pace()) return pace->async_wait(go_on);
+      go_on(error);
+    });
+  }
+  if (!outcome.error) return read_head();
+  // Closing with unread bytes sends a reset, which would discard the TLS alert.
+  transport_.end_writing();
+  drain(transport_.socket());
+}
+
+Timer* HttpConnection::pace() {
+  const TimeUs wait_us = read_wait_us();
+  if (wait_us <= 0) return nullptr;
+  pace_ = std::make_unique<Timer>(context_.loop.get_executor(), std::chrono::microseconds(wait_us));
+  return pace_.get();
 }
 
 void HttpConnection::read_head() {
@@ -186,7 +231,7 @@ void HttpConnection::read_head() {
 }
 
 void HttpConnection::read_more_head() {
-  http::async_read_header(transport_, wire_->buffer, *wire_->parser,
+  http::async_read_header(*wire_, wire_->buffer, *wire_->parser,
                           [self = shared_from_this()](ErrorOf error, std::size_t bytes) {
                             self->wire_->head_bytes += bytes;
                             self->on_head_read(error);
@@ -280,7 +325,9 @@ std::string HttpConnection::head_of(HttpStatus status, HttpHeaders headers) {
 }
 
 void HttpConnection::send(asio::const_buffer bytes, std::function<void()> then) {
+  ++context_.counters.answers_now;
   asio::async_write(transport_, bytes, [self = shared_from_this(), then = std::move(then)](ErrorOf error, std::size_t) {
+    --self->context_.counters.answers_now;
     if (error) return self->close();
     then();
   });
@@ -291,7 +338,7 @@ void HttpConnection::read_body(std::span<std::uint8_t> into, std::function<void(
   auto& body = wire_->parser->get().body();
   body.data = into.data();
   body.size = into.size();
-  http::async_read(transport_, wire_->buffer, *wire_->parser,
+  http::async_read(*wire_, wire_->buffer, *wire_->parser,
                    [self = shared_from_this(), size = into.size(), then = std::move(then)](ErrorOf error, std::size_t) {
                      const std::size_t count = size - self->wire_->parser->get().body().size;
                      then(error == http::error::need_buffer ? ErrorOf() : error, count);
@@ -321,8 +368,9 @@ template <typename Stream>
 void HttpConnection::drain(Stream& stream) {
   drained_.resize(kMaxHeadBytes);
   stream.async_read_some(asio::buffer(drained_), [self = shared_from_this(), &stream](ErrorOf error, std::size_t) {
-    if (error) return self->close();
-    self->drain(stream);
+    const auto go_on = [self, &stream](ErrorOf ended) { ended ? self->close() : self->drain(stream); };
+    if (Timer* const pace = error ? nullptr : self->pace()) return pace->async_wait(go_on);
+    go_on(error);
   });
 }
 

@@ -127,6 +127,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   virtual void on_head() = 0;
   /// How long a TLS handshake has to wait; nothing: none is made.
   virtual std::optional<TimeUs> handshake_wait_us() { return 0; }
+  /// Takes what a read costs from the budget; how long the next has to wait.
+  virtual TimeUs read_wait_us() { return 0; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
   virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
@@ -150,6 +152,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void read_head();
   void read_more_head();
   void shake_hands();
+  /// After a read: what to wait for before the next, or null.
+  Timer* pace();
   void on_head_read(ErrorOf error);
   template <typename Stream>
   void drain(Stream& stream);
@@ -157,6 +161,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Context& context_;
   Transport transport_;
   Timer timer_;
+  std::unique_ptr<Timer> pace_;
   std::unique_ptr<Wire> wire_;
   std::shared_ptr<void> large_head_;  ///< Counts its memory.
   IpAddress peer_;

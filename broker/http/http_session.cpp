@@ -25,6 +25,8 @@ constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
 constexpr double kHeadBytesPerUs = 64;
+constexpr double kHandshakeUs = 300;  ///< With X25519; 380 with RSA of 2048 bits.
+constexpr TimeUs kMaxReadWaitUs = 2'000'000;
 constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
 constexpr int kMaxRequestWaitS = 5;
 /// Refusals come so late that a client that asks at once again costs little.
@@ -65,7 +67,11 @@ class HttpSession final : public HttpConnection {
   }
 
   std::optional<TimeUs> handshake_wait_us() override {
-    return grant_->take_handshake(steady_now_us(), limits().head_ms * 1000);
+    return grant_->take_http_work(kHandshakeUs, steady_now_us(), limits().head_ms * 1000);
+  }
+
+  TimeUs read_wait_us() override {
+    return grant_->take_http_work(kReadUs, steady_now_us(), kMaxReadWaitUs).value_or(kMaxReadWaitUs);
   }
 
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
@@ -90,15 +96,15 @@ class HttpSession final : public HttpConnection {
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
     const auto payer = task.admitted ? grant_ : context().gate.stranger(access_request({}), now_us);
     const auto head = static_cast<double>(head_bytes());
-    const TimeUs head_wait_us =
-        head > Grant::kFreeBytes ? *payer->take_work(head / kHeadBytesPerUs, now_us, kForeverUs) : 0;
-    const TimeUs wait_us = std::max(head_wait_us, *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs));
+    const TimeUs wait_us = *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs);
+    const auto head_wait_us = payer->take_http_work(head > Grant::kFreeBytes ? head / kHeadBytesPerUs : 0, now_us,
+                                                    kMaxRequestWaitUs);
     const auto holder_wait_us = payer->take_request(task.listing, now_us, kMaxRequestWaitUs);
-    if (!holder_wait_us) {
-      return later(std::max(wait_us, kRefusalWaitUs),
-                   [this, why = holder_wait_us.error().message] { answer_limit(why, kMaxRequestWaitS); });
+    if (!head_wait_us || !holder_wait_us) {
+      const std::string why = holder_wait_us ? "long requests are over work_us_per_s" : holder_wait_us.error().message;
+      return later(std::max(wait_us, kRefusalWaitUs), [this, why] { answer_limit(why, kMaxRequestWaitS); });
     }
-    const TimeUs delay_us = std::max(wait_us, *holder_wait_us);
+    const TimeUs delay_us = std::max({wait_us, *head_wait_us, *holder_wait_us});
     if (delay_us <= 0 || !task.admitted) return later(delay_us, std::move(task.run));
     later(delay_us, [this] { admitted().run(); });  // By the rights of then: a token may end, a reload take them.
   }

@@ -17,6 +17,17 @@ namespace eigencast::broker {
 namespace {
 
 constexpr std::size_t kRecordBytes = 16 * 1024;  // Payload of one TLS record.
+/// A handshake takes six; each further one, a new key, stands for 2^24 records (RFC 8446, 5.5), and takes 40 us.
+constexpr std::uintptr_t kMaxHandshakeMessages = 64;
+
+/// Counts the peer's handshake messages, and refusals of them, in the connection's application data. Too many are its
+/// end, also of the SSL_read that works through them.
+void count_handshakes(int is_sent, int, int type, const void*, std::size_t, SSL* tls, void*) {
+  if (type != (is_sent != 0 ? SSL3_RT_ALERT : SSL3_RT_HANDSHAKE)) return;
+  const auto count = reinterpret_cast<std::uintptr_t>(SSL_get_app_data(tls)) + 1;
+  SSL_set_app_data(tls, reinterpret_cast<void*>(count));
+  if (count > kMaxHandshakeMessages) SSL_set_shutdown(tls, SSL_RECEIVED_SHUTDOWN);
+}
 
 /// The first bytes of all pieces in one span; copies only if there are several pieces.
 ByteView gathered(std::span<const iovec> pieces, std::array<std::uint8_t, kRecordBytes>& scratch) {
@@ -52,6 +63,8 @@ Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
   if (tls_failed_) return;
   SSL_set_mode(tls_.get(),
                SSL_MODE_RELEASE_BUFFERS | SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER);
+  SSL_clear_mode(tls_.get(), SSL_MODE_AUTO_RETRY);  // Records without data must not hold up the loop.
+  SSL_set_msg_callback(tls_.get(), count_handshakes);
   SSL_set_accept_state(tls_.get());
 }
 

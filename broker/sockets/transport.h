@@ -70,11 +70,6 @@ class Transport {
     const auto what = wait == Wait::kWritable ? Socket::wait_write : Socket::wait_read;
     socket_.async_wait(what, std::forward<Handler>(handler));
   }
-  template <typename Handler>
-  void async_handshake(Handler&& handler) {
-    move_some([this] { return shake_hands(); },
-              [handler = std::forward<Handler>(handler)](ErrorOf error, std::size_t) mutable { handler(error); });
-  }
 
   // Beast's stream requirements.
   template <typename Buffers, typename Handler>

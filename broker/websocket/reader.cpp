@@ -99,7 +99,8 @@ std::optional<MessageReader::Event> MessageReader::next(std::span<std::uint8_t>&
       if (!whole) return std::nullopt;
       if (auto failure = open_frame()) return failure;
       const Opcode opcode = is_control() ? static_cast<Opcode>(head_[0] & 0x0f) : message_;
-      return Event{Kind::kFrame, {}, CloseCode::kNone, {}, opcode, (head_[0] & kFin) != 0, remaining_};
+      const std::uint64_t before = is_control() ? 0 : kept_.size();
+      return Event{Kind::kFrame, {}, CloseCode::kNone, {}, opcode, (head_[0] & kFin) != 0, remaining_, before};
     }
     if (input.empty() && remaining_ > 0) return std::nullopt;
     if (auto event = take_payload(input)) return event;

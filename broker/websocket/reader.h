@@ -47,6 +47,7 @@ class MessageReader {
     Opcode opcode = Opcode::kContinuation;  ///< Its message's, if it continues one.
     bool last = false;                      ///< Of its message.
     std::uint64_t bytes = 0;                ///< Of its payload.
+    std::uint64_t before = 0;               ///< Of its message, in earlier frames.
   };
 
   explicit MessageReader(const Limits& limits) : limits_(limits) {}

@@ -172,12 +172,13 @@ class Checker:
                                  f"{where} of stream {event['id']}: announced was stream {connection.id}, epoch {connection.epoch}")
         self._check_chain(connection, event, where)
         self._check_tag(connection, event, where)
+        seen = self._seen[viewer, connection.run]
         if kind in (KEY, JOIN):
-            seen = self._seen[viewer, connection.run]
             if sequence < seen.newest and event["epoch"] == seen.epoch:
                 self._violate("stale", t, f"{where}: after {seen.newest}")
-            seen.newest = max(seen.newest, sequence)
             connection.newest = sequence
+        if event["at"] == event["of"] if kind == STEP else kind in (KEY, JOIN) and not event["ahead"]:  # It is shown.
+            seen.newest = max(seen.newest, sequence)
         self._check_order(connection, event, where)
 
     def _check_chain(self, connection, event, where):

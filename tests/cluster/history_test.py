@@ -118,6 +118,10 @@ class Histories(unittest.TestCase):
     def test_a_profile_that_is_further_behind_may_go_back(self):
         self.assert_codes(good().state(5, INTERPOLATED).frame(JOIN, 110, capture=110 * INTERVAL - 9))
         self.assert_codes(good().frame(JOIN, 110, capture=110 * INTERVAL - 9), "stale")
+        ahead = History().announced(5).connected(COMPACT).moves().frame(KEY, 111, ahead=True)
+        self.assert_codes(copy.deepcopy(ahead).state(5, INTERPOLATED).frame(JOIN, 110))
+        shown = ahead.frame(STEP, 111, 1, 1, tag=None)
+        self.assert_codes(shown.state(5, INTERPOLATED).frame(JOIN, 110), "stale")
 
     def test_stale_after_a_reconnection_to_the_same_run(self):
         self.assert_codes(good().connected(RAW).moves(90), "stale")

@@ -895,6 +895,34 @@ class Files(unittest.TestCase):
             with socket.create_connection(("127.0.0.1", broker.port), timeout=60, source_address=("127.0.0.2", 0)) as other:
                 context.wrap_socket(other).close()
 
+    def test_renewed_keys_end_a_connection(self):
+        certificate, key = self.certificate("rsa:2048")
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
+            client = subprocess.Popen(["openssl", "s_client", "-connect", f"127.0.0.1:{broker.port}", "-tls1_3"],
+                                      stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            self.addCleanup(client.kill)
+            for sent in itertools.count():
+                if client.poll() is not None or sent == 2000:
+                    break
+                with contextlib.suppress(BrokenPipeError):
+                    client.stdin.write(b"k\n")  # Makes s_client renew its keys.
+                    client.stdin.flush()
+                time.sleep(0.01)
+            self.assertTrue(20 < sent < 2000, sent)
+            with contextlib.suppress(BrokenPipeError):
+                client.communicate()
+
+    def test_dear_groups_are_refused(self):
+        certificate, key = self.certificate("rsa:2048")
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
+            for group, good in (("prime256v1", True), ("secp384r1", False), ("secp521r1", False)):
+                context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+                context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+                context.set_ecdh_curve(group)
+                with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
+                    with contextlib.nullcontext() if good else self.assertRaises((ssl.SSLError, OSError), msg=group):
+                        context.wrap_socket(sock).close()
+
     def test_tls_without_forward_secrecy_is_refused(self):
         certificate, key = self.certificate("rsa:2048")  # With an elliptic curve nothing else could be.
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:

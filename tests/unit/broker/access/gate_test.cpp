@@ -642,15 +642,15 @@ TEST_F(GateTest, WorkIsBudgetedPerHolder) {
   config_.per_token.work_us_per_s = 1'000'000;
   const auto request = request_from("1.1.1.1", token_for("a", {"**"}, {}));
   auto grant = let_in(request);
-  EXPECT_EQ(grant->take_work(80'000, kSecond, 0), 0) << "at once";
+  EXPECT_EQ(grant->take_work(20'000, kSecond, 0), 0) << "at once";
   EXPECT_EQ(grant->take_work(20'000, kSecond, 0), std::nullopt);
   EXPECT_EQ(grant->take_work(20'000, kSecond, kSecond), 20'000);
   grant = let_in(request, kSecond);
-  EXPECT_EQ(grant->take_work(30'000, kSecond, kSecond), 50'000) << "a new connection renews nothing";
-  EXPECT_EQ(grant->take_work(0, kSecond, kSecond), 50'000) << "what was refused was not counted";
+  EXPECT_EQ(grant->take_work(20'000, kSecond, kSecond), 40'000) << "a new connection renews nothing";
+  EXPECT_EQ(grant->take_work(0, kSecond, kSecond), 40'000) << "what was refused was not counted";
   EXPECT_EQ(grant->take_work(1, 3 * kSecond, 0), 0);
   const auto neighbour = let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})), kSecond);
-  EXPECT_EQ(neighbour->take_work(80'000, kSecond, 0), 0) << "at the same address";
+  EXPECT_EQ(neighbour->take_work(20'000, kSecond, 0), 0) << "at the same address";
   EXPECT_EQ(let_in(request_from("127.0.0.1"))->take_work(1, kSecond, 0), 0) << "others go on";
   EXPECT_EQ(neighbour->take_work(900'000, 3 * kSecond, 0), 0) << "more than comes at once, by one that is idle";
 }
@@ -660,21 +660,32 @@ TEST_F(GateTest, PosesHaveABudgetOfTheirOwn) {
   const auto request = request_from("1.1.1.1", token_for("a", {"**"}, {}));
   const auto grant = let_in(request);
   EXPECT_TRUE(grant->charge_poses(0, kSecond));
-  EXPECT_TRUE(grant->charge_poses(80'000, kSecond)) << "at once";
+  EXPECT_TRUE(grant->charge_poses(20'000, kSecond)) << "at once";
   EXPECT_FALSE(grant->charge_poses(20'000, kSecond)) << "made, and counted";
   EXPECT_FALSE(let_in(request)->charge_poses(0, kSecond + 10'000)) << "of another connection, too";
   EXPECT_TRUE(grant->charge_poses(0, kSecond + 20'000)) << "asking costs nothing";
-  EXPECT_EQ(grant->take_work(80'000, kSecond, 0), 0) << "no message waits for poses";
+  EXPECT_EQ(grant->take_work(20'000, kSecond, 0), 0) << "no message waits for poses";
   EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})))->charge_poses(0, kSecond));
 }
 
-TEST_F(GateTest, HandshakesAreBudgetedPerAddressBeforeAnyToken) {
+TEST_F(GateTest, OneHolderLeavesUploadsToOthers) {
+  config_.access.anonymous = "anywhere";
+  const auto hog = let_in(request_from("1.1.1.1")), other = let_in(request_from("1.1.1.2"));
+  std::int64_t used = 0;
+  while (hog->take_share(Resource::kUpload, 16, used)) ++used;
+  EXPECT_EQ(used, 3) << "a quarter of what is free";
+  EXPECT_TRUE(other->take_share(Resource::kUpload, 16, used));
+  hog->give_back(Resource::kUpload);
+  EXPECT_TRUE(hog->take_share(Resource::kUpload, 16, used)) << "what was refused is not held";
+}
+
+TEST_F(GateTest, HttpIsBudgetedPerAddressBeforeAnyToken) {
   config_.per_address.work_us_per_s = 1'000;
   config_.proxy.trusted = {"10.0.0.1"};
   const auto accept = [&](const char* peer) {
     return std::get<GrantPtr>(gate().accept(IpAddress::from_text(peer).value(), 0, kSecond));
   };
-  const auto wait_us = [&](const char* peer) { return accept(peer)->take_handshake(kSecond, kSecond); };
+  const auto wait_us = [&](const char* peer) { return accept(peer)->take_http_work(200, kSecond, kSecond); };
   EXPECT_EQ(wait_us("1.1.1.1"), 0);
   EXPECT_EQ(wait_us("1.1.1.1"), 200'000);
   for (int i = 0; i < 4; ++i) (void)wait_us("1.1.1.1");

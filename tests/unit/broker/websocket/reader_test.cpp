@@ -97,13 +97,13 @@ TEST(MessageReaderTest, EveryFrameIsReportedBeforeItsPayload) {
       while (const auto event = reader.next(input, 0)) {
         if (event->kind == Kind::kFrame) {
           seen += std::to_string(static_cast<int>(event->opcode)) + (event->last ? "." : "-") +
-                  std::to_string(event->bytes) + " ";
+                  std::to_string(event->bytes) + "+" + std::to_string(event->before) + " ";
         } else {
           seen += "=" + std::to_string(event->payload.size()) + " ";
         }
       }
     }
-    EXPECT_EQ(seen, "1-2 1-0 9.1 =1 1-0 1.1 =3 2.300 =300 ") << step;
+    EXPECT_EQ(seen, "1-2+0 1-0+2 9.1+0 =1 1-0+2 1.1+2 =3 2.300+0 =300 ") << step;
   }
 }
 
