@@ -6,6 +6,7 @@
 #include <variant>
 #include <vector>
 
+#include "common/command_line/command_line.h"
 #include "tools/latency/session.h"
 
 namespace eigencast::latency {
@@ -23,10 +24,6 @@ struct Options {
   std::vector<std::uint32_t> clients;
   std::vector<int> interpolations, ranks;
   std::string compare_a, compare_b;
-};
-
-struct ExitNow {
-  int code = 0;
 };
 
 /// Prints help and usage errors.

@@ -72,7 +72,7 @@ const HdrHistogram* histogram_of(const std::string& name, const Outcome& o) {
   if (name == "synthetic") return &o.synthetic;
   if (name == "age") return &o.age_us;
   for (std::size_t i = 0; i < kStages; ++i) {
-    if (name != name_of(static_cast<Stage>(i))) continue;
+    if (name != kStageNames[static_cast<Stage>(i)]) continue;
     return o.key_stages[i].count() > 0 ? &o.key_stages[i] : &o.synthetic_stages[i];
   }
   return nullptr;

@@ -16,7 +16,7 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 int main(int argc, char** argv) {
   using namespace eigencast::latency;
   const auto options = options_from_command_line(argc, argv, EIGENCAST_VERSION);
-  if (const auto* now = std::get_if<ExitNow>(&options)) return now->code;
+  if (const auto* now = std::get_if<eigencast::ExitNow>(&options)) return now->code;
   ::unsetenv("EIGENCAST_TOKEN");  // Read above; a broker of our own must not get it.
   struct sigaction action {};
   action.sa_handler = [](int) { stop_requested = true; };

@@ -29,8 +29,7 @@ Json or_null(const std::optional<T>& value) {
 }
 
 std::string percentile_name(double p) {
-  if (p == 100) return "max";
-  return formatted("p%g", p);
+  return p == 100 ? "max" : formatted("p%g", p);
 }
 
 /// Nothing for a one-way value below the clocks' error.
@@ -134,7 +133,7 @@ Json json_from(const Counts& c) {
 Json json_from(const std::array<HdrHistogram, kStages>& stages, const std::array<TimeUs, kStages>& errors_us) {
   Json json;
   for (std::size_t i = 0; i < kStages; ++i)
-    json[std::string(name_of(static_cast<Stage>(i)))] = json_from(stages[i], errors_us[i]);
+    json[std::string(kStageNames[static_cast<Stage>(i)])] = json_from(stages[i], errors_us[i]);
   return json;
 }
 
@@ -313,7 +312,7 @@ std::string csv_report(const Outcome& o) {
 
 std::string samples_report(const Outcome& o) {
   std::string text = "sequence,at,of,capture_us,total_us,unexplained_us,uncertainty_us";
-  for (std::size_t i = 0; i < kStages; ++i) text += "," + std::string(name_of(static_cast<Stage>(i))) + "_us";
+  for (std::size_t i = 0; i < kStages; ++i) text += "," + std::string(kStageNames[static_cast<Stage>(i)]) + "_us";
   text += "\n";
   for (const StagedPose& pose : o.samples) {
     const Envelope& e = pose.envelope;
@@ -334,10 +333,6 @@ std::string hdr_log(const Outcome& o) {
       intervals.push_back({"synthetic", interval.start_us, interval.length_us, interval.synthetic});
   }
   return histogram_log(intervals, o.start_unix_s);
-}
-
-bool sums_are_wrong(const Outcome& outcome) {
-  return outcome.sums_wrong > 0 || outcome.impossible > 0;
 }
 
 std::vector<Warning> warnings_of(const Outcome& o) {

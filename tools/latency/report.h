@@ -45,7 +45,9 @@ struct Warning {
 };
 std::vector<Warning> warnings_of(const Outcome& outcome);
 /// Beyond the clocks' uncertainty: then no figure can be trusted.
-bool sums_are_wrong(const Outcome& outcome);
+inline bool sums_are_wrong(const Outcome& outcome) {
+  return outcome.sums_wrong > 0 || outcome.impossible > 0;
+}
 
 struct Verdict {
   bool holds = false;           ///< The run fails. True where there are too few samples to say.

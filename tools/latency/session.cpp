@@ -68,9 +68,8 @@ class Sending {
     options.credentials = inputs.credentials;
     auto asset = std::make_shared<const Asset>(std::move(baked->asset));
     auto encoded = std::make_shared<const EncodedAsset>(std::move(baked->encoded));
-    auto publisher = Publisher::create(options, std::move(asset), std::move(encoded), log);
-    if (!publisher) return publisher.error();
-    made->publisher_ = std::move(*publisher);
+    const auto good = store(made->publisher_, Publisher::create(options, std::move(asset), std::move(encoded), log));
+    if (!good) return good.error();
     return made;
   }
   ~Sending() { stop(); }

@@ -3,26 +3,16 @@
 
 #include <algorithm>
 
-#include "common/core/text.h"
-
 namespace eigencast::latency {
 namespace {
 
 constexpr std::size_t kMaxKeys = 256;
 constexpr std::size_t kMaxSteps = 16;
 
-constexpr EnumNames<Stage, kStages> kNames{{"schedule", "transform", "encode", "to_broker", "interpolation_hold",
-                                            "jitter_margin", "in_broker", "to_client", "decode", "hand_over",
-                                            "reconstruct", "present"}};
-
 }  // namespace
 
-std::string_view name_of(Stage stage) {
-  return kNames[stage];
-}
-
 std::string title_of(Stage stage) {
-  std::string title(name_of(stage));
+  std::string title(kStageNames[stage]);
   std::replace(title.begin(), title.end(), '_', ' ');
   return title;
 }
@@ -130,10 +120,6 @@ StagedPose Timeline::staged(const Received& r, const Key& key, const Broker& bro
   const TimeUs apart_us = clocks_.one_clock ? 0 : down.offset_us - up.offset_us;
   pose.total = {r.presented_us + apart_us - r.envelope.capture_us, clocks_.one_clock ? 0 : up.error_us + down.error_us};
   return pose;
-}
-
-std::vector<StagedPose> Timeline::take() {
-  return std::exchange(done_, {});
 }
 
 }  // namespace eigencast::latency

@@ -6,10 +6,11 @@
 #include <map>
 #include <optional>
 #include <string>
-#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/core/clock.h"
+#include "common/core/text.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 
@@ -31,8 +32,10 @@ enum class Stage : std::uint8_t {
   kPresent,      ///< Positions to a finished picture; 0 where none is made.
 };
 inline constexpr std::size_t kStages = 12;
-/// Spelled as in reports: "to_broker".
-std::string_view name_of(Stage stage);
+/// As in reports.
+inline constexpr EnumNames<Stage, kStages> kStageNames{{"schedule", "transform", "encode", "to_broker",
+                                                        "interpolation_hold", "jitter_margin", "in_broker", "to_client",
+                                                        "decode", "hand_over", "reconstruct", "present"}};
 /// For people: "to broker".
 std::string title_of(Stage stage);
 
@@ -56,11 +59,7 @@ struct StagedPose {
   TimeUs uncertainty_us() const;
 };
 
-/// Defined as in Subscriber::Stats.
-struct ViewerClock {
-  TimeUs offset_us = 0;  ///< The broker's minus ours.
-  TimeUs error_us = 0;
-};
+using ViewerClock = control::Trace::BrokerClock;  ///< The broker's minus ours, as in Subscriber::Stats.
 
 /// Measured on its own clock.
 struct Received {
@@ -82,7 +81,7 @@ class Timeline {
   void add(const Received& received);
   void add(const control::Trace& trace);
   /// In no particular order.
-  std::vector<StagedPose> take();
+  std::vector<StagedPose> take() { return std::exchange(done_, {}); }
   /// Counts traced keys.
   std::uint64_t incomplete() const { return incomplete_; }
 

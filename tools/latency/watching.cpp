@@ -29,10 +29,8 @@ Result<std::unique_ptr<Watching>> Watching::create(const Inputs& inputs, bool on
   options.trace_every = inputs.trace_every;
   options.credentials = inputs.credentials;
   const TimeUs start_us = steady_now_us();
-  auto subscriber = Subscriber::create(options, log);
-  if (!subscriber) return subscriber.error();
   std::unique_ptr<Watching> made(new Watching(inputs, one_clock, start_us));
-  made->subscriber_ = std::move(*subscriber);
+  if (const auto good = store(made->subscriber_, Subscriber::create(options, log)); !good) return good.error();
   std::promise<Result<void>> ready;
   auto is_ready = ready.get_future();
   made->thread_ = std::thread([w = made.get(), result = std::move(ready)]() mutable {

@@ -87,7 +87,7 @@ TEST(Session, StagesOfEveryPoseAddUp) {
   EXPECT_EQ(o->counts.duplicate, 0u);
   EXPECT_TRUE(o->first_surface_us);
   for (std::size_t i = 0; i < kStages; ++i)
-    EXPECT_EQ(o->key_stages[i].negative(), 0u) << name_of(static_cast<Stage>(i));
+    EXPECT_EQ(o->key_stages[i].negative(), 0u) << kStageNames[static_cast<Stage>(i)];
 }
 
 TEST(Session, InterpolationHoldsTwoThirdsOfAnInterval) {
