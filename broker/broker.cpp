@@ -8,7 +8,6 @@
 #include <csignal>
 #include <ctime>
 #include <filesystem>
-#include <limits>
 #include <random>
 #include <utility>
 
@@ -29,12 +28,15 @@ constexpr std::uint64_t kReturnsPerSecond = 2000;  ///< Reconnections after a re
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 constexpr rlim_t kMaxOtherDescriptors = 1024;  ///< Of files, NATS, listeners and the admin port.
 
-/// Connections that this process has descriptors for: all but a quarter, or kMaxOtherDescriptors.
+/// Connections that this process has descriptors for: all but a quarter, or kMaxOtherDescriptors. Shells give few until
+/// one asks for more.
 std::int64_t connections_by_descriptors() {
   rlimit limit{};
-  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return std::numeric_limits<std::int64_t>::max();
-  const rlim_t most = std::min<rlim_t>(limit.rlim_cur, std::numeric_limits<std::int32_t>::max());
-  return static_cast<std::int64_t>(most - std::min(most / 4, kMaxOtherDescriptors));
+  ::getrlimit(RLIMIT_NOFILE, &limit);
+  limit.rlim_cur = limit.rlim_max;
+  if (::setrlimit(RLIMIT_NOFILE, &limit) != 0) ::getrlimit(RLIMIT_NOFILE, &limit);
+  return static_cast<std::int64_t>(std::min<rlim_t>(limit.rlim_cur, 1 << 30) -
+                                   std::min(limit.rlim_cur / 4, kMaxOtherDescriptors));
 }
 
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {

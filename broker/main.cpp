@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <csignal>
@@ -39,17 +38,8 @@ int token(int argc, char** argv, const std::vector<std::string>& environment) {
   return std::fputs(end.out.c_str(), stdout) < 0 ? 1 : end.code;
 }
 
-/// Each connection takes a descriptor; shells give few until one asks for more.
-void raise_descriptors() {
-  rlimit limit{};
-  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
-  limit.rlim_cur = limit.rlim_max;
-  (void)::setrlimit(RLIMIT_NOFILE, &limit);
-}
-
 int run(int argc, char** argv) {
   namespace broker = eigencast::broker;
-  raise_descriptors();
   std::signal(SIGHUP, SIG_IGN);  // Until the broker handles it: what it would read again is being read.
   std::vector<std::string> environment;
   for (char** entry = environ; *entry != nullptr; ++entry) environment.emplace_back(*entry);
