@@ -107,9 +107,7 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   const std::string id = random_id();
   std::unique_ptr<Member> member;
   if (!config.backbone.servers.empty()) {
-    auto created = Member::create(config, id, **assets, log);
-    if (!created) return created.error();
-    member = std::move(*created);
+    if (const auto good = store(member, Member::create(config, id, **assets, log)); !good) return good.error();
   }
   std::unique_ptr<Broker> broker(new Broker(config, std::move(*security), std::move(version), std::move(log),
                                             std::move(*assets), epochs_end, id, std::move(member)));

@@ -179,9 +179,7 @@ Result<void> check_claims(const json& object, const TokenRules& rules, std::int6
     return refused("has a subject (\"sub\") that is not a text of at most 128 printable characters without blanks");
   }
   claims.subject = *subject;
-  auto rights = rights_of(object);
-  if (!rights) return rights.error();
-  claims.rights = std::move(*rights);
+  if (const auto good = store(claims.rights, rights_of(object)); !good) return good.error();
   return {};
 }
 

@@ -35,11 +35,6 @@ bool name_matches(std::string_view pattern, std::string_view name) {
       split(pattern, '/'), split(name, '/'), [](std::string_view item) { return item == "**"; }, segment_matches);
 }
 
-bool is_pattern_character(char c) {
-  return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' ||
-         c == '-' || c == '*';
-}
-
 Result<void> check_pattern(const std::string& pattern) {
   const auto wrong = [&](const char* why) {
     return fail(ErrorCode::kInvalidArgument, "'" + pattern.substr(0, StreamPatterns::kMaxBytes) +
@@ -50,7 +45,8 @@ Result<void> check_pattern(const std::string& pattern) {
   for (const std::string_view segment : split(pattern, '/')) {
     if (segment.empty()) return wrong("a segment is empty");
     if (segment == "." || segment == "..") return wrong("no stream has a segment '.' or '..'");
-    if (!std::all_of(segment.begin(), segment.end(), is_pattern_character)) {
+    constexpr std::string_view kAllowed = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-*";
+    if (segment.find_first_not_of(kAllowed) != std::string_view::npos) {
       return wrong("names are made of letters, digits, '.', '_' and '-'");
     }
     if (segment != "**" && segment.find("**") != std::string_view::npos) return wrong("'**' must be a whole segment");

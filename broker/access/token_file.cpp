@@ -4,7 +4,6 @@
 #include <openssl/rand.h>
 
 #include <algorithm>
-#include <array>
 #include <optional>
 #include <set>
 
@@ -33,11 +32,6 @@ std::vector<std::string_view> words_of(std::string_view line) {
   return words;
 }
 
-Result<StreamPatterns> patterns_from(std::string_view list) {
-  const auto parts = split(list, ',');
-  return StreamPatterns::from(std::vector<std::string>(parts.begin(), parts.end()));
-}
-
 Result<void> take_right(std::string_view word, Rights& rights) {
   if (word == "admin") {
     rights.admin = true;
@@ -48,7 +42,8 @@ Result<void> take_right(std::string_view word, Rights& rights) {
     return fail(ErrorCode::kInvalidArgument,
                 "'" + std::string(word.substr(0, 64)) + "' is none of: pub=PATTERNS, sub=PATTERNS, admin");
   }
-  auto patterns = patterns_from(word.substr(4));
+  const auto parts = split(word.substr(4), ',');
+  auto patterns = StreamPatterns::from(std::vector<std::string>(parts.begin(), parts.end()));
   if (!patterns) return patterns.error();
   (publishes ? rights.publish : rights.subscribe) = std::move(*patterns);
   return {};
@@ -101,9 +96,8 @@ Result<TokenFile> TokenFile::from_text(std::string_view text, const std::string&
     }
     const std::string token_name = parsed->token.name;
     if (!names.insert(token_name).second || !file.tokens_.emplace(parsed->hash, std::move(parsed->token)).second) {
-      return in_context(where, fail(ErrorCode::kInvalidArgument, "'" + token_name +
-                                                                     "' has the name or the hash of an "
-                                                                     "earlier line"));
+      return in_context(
+          where, fail(ErrorCode::kInvalidArgument, "'" + token_name + "' has the name or the hash of an earlier line"));
     }
   }
   return file;

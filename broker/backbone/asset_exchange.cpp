@@ -52,10 +52,6 @@ Bytes answer(const AssetStore& store, ByteView request) {
   return what == 'R' && in.finished() ? range_answer(store, id, offset) : Bytes{kNotHere};
 }
 
-Error not_found(const Sha256& id) {
-  return fail(ErrorCode::kNotFound, "object " + id.hex() + " is not at the broker that has the stream's sender");
-}
-
 Error malformed_reply() {
   return fail(ErrorCode::kCorrupt,
               "another broker answered with bytes that make no sense; do all of them run the same version?");
@@ -81,10 +77,6 @@ AssetExchange::AssetExchange(Link& link, AssetStore& store, std::string prefix, 
       prefix_(std::move(prefix)),
       on_disk_(std::move(on_disk)),
       on_loop_(std::move(on_loop)) {}
-
-AssetExchange::~AssetExchange() {
-  stop();
-}
 
 void AssetExchange::stop() {
   *alive_ = false;
@@ -146,7 +138,10 @@ void AssetExchange::ask(const TransferPtr& transfer, char what, const Sha256& id
     if (!*alive || transfer->over) return;
     if (!answer) return finish(transfer, answer.error());
     if (answer->empty()) return finish(transfer, malformed_reply());
-    if (answer->front() != kHere) return finish(transfer, not_found(id));
+    if (answer->front() != kHere) {
+      return finish(transfer, fail(ErrorCode::kNotFound,
+                                   "object " + id.hex() + " is not at the broker that has the stream's sender"));
+    }
     answered(std::move(*answer));
   };
   link_.ask(prefix_ + ".assets." + transfer->owner, std::move(request), kTimeoutUs, take);

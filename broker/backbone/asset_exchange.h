@@ -38,7 +38,7 @@ class AssetExchange {
   /// on_loop  runs work on the event loop; thread-safe
   AssetExchange(Link& link, AssetStore& store, std::string prefix, std::function<void(Work)> on_disk,
                 std::function<void(Work)> on_loop);
-  ~AssetExchange();
+  ~AssetExchange() { stop(); }
 
   void serve(const std::string& self);
   /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (at

@@ -19,10 +19,6 @@ constexpr double kRowBytesPerUs = 28;  ///< JSON at its worst.
 /// What heartbeats say.
 constexpr char kAlive = '+', kStopped = '-', kAsksForRows = '?';
 
-std::string text_from_message(ByteView bytes) {
-  return {bytes.begin(), bytes.end()};
-}
-
 Bytes message_of(FrameKind kind, BandMask bands, std::uint32_t epoch, const KeyRecord& record, ByteView payload) {
   Bytes message;
   message.reserve(Envelope::kBytes + payload.size());
@@ -46,10 +42,6 @@ Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environ
       environment_(std::move(environment)),
       directory_(settings_.id, environment_.now_us()),
       following_(&settings_, link, assets, &environment_, directory_, totals_) {}
-
-Backbone::~Backbone() {
-  stop();
-}
 
 void Backbone::start(Hub& hub) {
   hub_ = &hub;
@@ -347,7 +339,8 @@ void Backbone::on_forgotten(const Stream& stream) {
 void Backbone::answer_join(ByteView request, const Link::Reply& reply) {
   ByteReader in(request);
   const std::uint32_t epoch = in.u32();
-  const auto found = own_.find(text_from_message(in.bytes(in.remaining())));
+  const ByteView name = in.bytes(in.remaining());
+  const auto found = own_.find(std::string(name.begin(), name.end()));
   if (in.failed() || found == own_.end() || found->second.entry.epoch != epoch || !found->second.newest) {
     return reply({});
   }

@@ -38,7 +38,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
 
   /// link and assets outlive it.
   Backbone(Settings settings, Link& link, AssetExchange& assets, Environment environment);
-  ~Backbone() override;
+  ~Backbone() override { stop(); }
 
   /// Connects. REQUIRES: the hub outlives it, and this is among the taps of its streams.
   void start(Hub& hub);

@@ -85,10 +85,6 @@ bool is_broker_id(std::string_view id) {
   return std::all_of(parts.begin(), parts.end(), is_broker_name);
 }
 
-std::string_view name_of_broker(std::string_view id) {
-  return id.substr(0, id.find('.'));
-}
-
 Result<void> Directory::take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision,
                              TimeUs now_us, std::string_view from) {
   const bool of_table = from.empty();

@@ -37,7 +37,9 @@ std::optional<std::string> stream_from_token(std::string_view token);
 /// Whether it can be a broker's id, as a part of NATS subjects: NAME.RUN, at most 64 of letters, digits, '-' and '_'.
 /// Permissions of NATS pin a broker to its name; each run of it has an id of its own.
 bool is_broker_id(std::string_view id);
-std::string_view name_of_broker(std::string_view id);
+inline std::string_view name_of_broker(std::string_view id) {
+  return id.substr(0, id.find('.'));
+}
 
 /// This broker's copy of the shared directory: entries of streams with their revisions, and the brokers' last
 /// heartbeats. Its size is bounded, whatever other brokers say. Not thread-safe.

@@ -49,9 +49,7 @@ Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::
   Member* self = member.get();
   const auto on_loop = [self](std::function<void()> work) { boost::asio::post(self->host_->loop, std::move(work)); };
   const auto on_disk = [self](std::function<void()> work) { boost::asio::post(self->host_->disk, std::move(work)); };
-  auto link = make_nats_link(config, id, on_loop);
-  if (!link) return link.error();
-  member->link_ = std::move(*link);
+  if (const auto good = store(member->link_, make_nats_link(config, id, on_loop)); !good) return good.error();
   member->exchange_ = std::make_unique<AssetExchange>(*member->link_, assets, config.backbone.prefix, on_disk, on_loop);
   const auto next_epoch = [self](std::uint32_t above) {
     return self->host_->epochs.next(static_cast<std::uint64_t>(std::time(nullptr)), above);

@@ -40,9 +40,7 @@ std::chrono::nanoseconds wall_ahead() {
 }
 
 std::string bucket_of(std::string prefix) {
-  for (char& c : prefix) {
-    if (c == '.') c = '_';
-  }
+  std::replace(prefix.begin(), prefix.end(), '.', '_');
   return prefix + "_streams";
 }
 
@@ -66,10 +64,6 @@ void* closure_of(std::weak_ptr<NatsLink> link) {
   static auto& kept = *new std::deque<std::weak_ptr<NatsLink>>;
   const std::lock_guard lock(mutex);
   return &kept.emplace_back(std::move(link));
-}
-
-std::shared_ptr<NatsLink> link_of(void* closure) {
-  return static_cast<std::weak_ptr<NatsLink>*>(closure)->lock();
 }
 
 }  // namespace
@@ -204,7 +198,7 @@ void NatsLink::start(Listener& listener) {
   natsOptions_SetClosedCB(
       options_.get(),
       [](natsConnection* connection, void* of) {
-        if (const auto link = link_of(of)) link->on_closed(connection);
+        if (const auto link = static_cast<std::weak_ptr<NatsLink>*>(of)->lock()) link->on_closed(connection);
       },
       closure_of(weak_from_this()));
   subscriptions_.push_back(listen(inbox_ + ".*", [this](Incoming incoming) {

@@ -117,9 +117,7 @@ Result<Options> read_options(int argc, const char* const* argv, const std::vecto
   }
   if (options.sources.file.empty()) options.sources.file = default_config_file();
   options.sources.environment = environment;
-  auto loaded = load_config(options.sources);
-  if (!loaded) return loaded.error();
-  options.loaded = std::move(*loaded);
+  if (const auto good = store(options.loaded, load_config(options.sources)); !good) return good.error();
   if (show) options.answer = shown_config(options.loaded);
   return options;
 }

@@ -135,13 +135,6 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
   return end;
 }
 
-Result<std::shared_ptr<const AccessPolicy>> configured_policy(const std::string& file,
-                                                              const std::vector<std::string>& environment) {
-  const auto loaded = load_config({file.empty() ? default_config_file() : file, environment, {}});
-  if (!loaded) return loaded.error();
-  return AccessPolicy::from_config(loaded->config);
-}
-
 void add_options(CLI::App& app, Arguments& arguments, bool creates) {
   const char* verb = creates ? "Streams that its holder may " : "Ask also whether its holder may ";
   app.add_option("-c,--config", arguments.config_file, "The broker's configuration file");
@@ -186,7 +179,10 @@ CommandEnd token_command(int argc, const char* const* argv, const std::vector<st
   if (arguments.token == "-") {
     arguments.token = input.substr(0, std::min(input.find_first_of(" \r\n"), kMaxTokenBytes + 1));
   }
-  const auto policy = configured_policy(arguments.config_file, environment);
+  const std::string& file = arguments.config_file;
+  const auto loaded = load_config({file.empty() ? default_config_file() : file, environment, {}});
+  if (!loaded) return failed(loaded.error());
+  const auto policy = AccessPolicy::from_config(loaded->config);
   if (!policy) return failed(policy.error());
   return making->parsed() ? create(arguments, **policy, now_unix_s) : inspect(arguments, **policy, now_unix_s);
 }

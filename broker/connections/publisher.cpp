@@ -23,10 +23,6 @@ Publisher::Publisher(Context& context, Transport transport, GrantPtr grant, std:
                   static_cast<std::size_t>(context.config.limits.max_frame_bytes)}),
       name_(std::move(stream_name)) {}
 
-std::string Publisher::label() const {
-  return "sender of '" + name_ + "'";
-}
-
 void Publisher::on_open() {
   greet();
   const auto stream = context().hub.open(name_);

@@ -26,7 +26,7 @@ class Publisher final : public Connection, public PublisherLink {
   double binary_work_us(std::uint64_t bytes, bool last) const override;
   void on_closed() override;
   void on_tick() override;
-  std::string label() const override;
+  std::string label() const override { return "sender of '" + name_ + "'"; }
   std::string stream_name() const override { return name_; }
   Result<void> claim(Stream& stream, bool replace);
   void on_announce(control::Announce announce);

@@ -93,10 +93,6 @@ void Subscriber::acknowledge(const control::Ack& ack) {
   for (const auto& item : ack.items) outbox().acknowledge(item, steady_now_us());
 }
 
-std::string Subscriber::holder() const {
-  return grant().is_spared() ? std::string() : grant().holder();
-}
-
 bool Subscriber::charge_poses(double work_us) {
   return grant().charge_poses(work_us, context().turn.now_us());
 }
@@ -108,10 +104,6 @@ void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
 
 void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {
   deliver(stream.id(), frames);
-}
-
-void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
-  send_droppable(text);
 }
 
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {
@@ -153,8 +145,7 @@ void Subscriber::report_dropped() {
     send(control::Notice{found->second.stream->name(),
                          "dropped " + std::to_string(dropped.frames) +
                              " frames that newer ones overtook before they could leave; where that goes on, a compact "
-                             "or raw profile, or "
-                             "fewer bands, needs less of the link",
+                             "or raw profile, or fewer bands, needs less of the link",
                          dropped.frames});
   }
 }

@@ -17,11 +17,11 @@ class Subscriber final : public Watcher, public Connection {
  public:
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
-  std::string holder() const override;
+  std::string holder() const override { return grant().is_spared() ? std::string() : grant().holder(); }
   bool charge_poses(double work_us) override;
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
-  void on_trace(const std::shared_ptr<const std::string>& text) override;
+  void on_trace(const std::shared_ptr<const std::string>& text) override { send_droppable(text); }
   void describe(ClientInfo& info) const override;
 
  private:

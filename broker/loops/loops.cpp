@@ -49,10 +49,6 @@ std::size_t cores() {
   return 1;
 }
 
-std::size_t loops_wanted(const Config& config) {
-  return config.server.threads == 0 ? std::min(cores(), kMaxLoops) : static_cast<std::size_t>(config.server.threads);
-}
-
 }  // namespace
 
 Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,

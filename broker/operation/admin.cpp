@@ -33,10 +33,6 @@ double seconds(TimeUs us) {
   return static_cast<double>(us) * 1e-6;
 }
 
-json milliseconds_or_null(std::optional<TimeUs> us) {
-  return us ? json(static_cast<double>(*us) * 1e-3) : json();
-}
-
 std::string json_text(const json& value) {
   return value.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
 }
@@ -51,7 +47,7 @@ json json_of(const ClientInfo& client) {
           {"who", client.who},
           {"connected_s", seconds(client.connected_us)},
           {"streams", streams},
-          {"round_trip_ms", milliseconds_or_null(client.round_trip_us)},
+          {"round_trip_ms", client.round_trip_us ? json(static_cast<double>(*client.round_trip_us) * 1e-3) : json()},
           {"acknowledges", client.acknowledges},
           {"frames_sent", client.frames_sent},
           {"bytes_sent", client.bytes_sent},

@@ -42,10 +42,6 @@ std::pair<std::uint64_t, std::uint8_t> order_of(const Frame& frame) {
   return {frame.envelope.sequence, frame.envelope.step.at};
 }
 
-int further_keys(const Profile& profile) {
-  return profile.scheme == Profile::Scheme::kCatmullRom ? 1 : 0;
-}
-
 constexpr std::int64_t kFormBytes = 2048;  ///< Of a stream or feed without coefficients.
 
 /// Bytes of a value in a key, and of one that is coded, at most.
@@ -91,7 +87,7 @@ Feed::Feed(const Profile& profile, const Source& source, Payer payer)
       source_(source),
       payer_(std::move(payer)),
       mask_(BandMask::lowest(profile.bands) & source.layout.all_bands()),
-      pacer_(profile.k, source.max_span_us, further_keys(profile)),
+      pacer_(profile.k, source.max_span_us, profile.scheme == Profile::Scheme::kCatmullRom ? 1 : 0),
       forecaster_(profile.k, source.max_ahead_us, source.max_span_us) {}
 
 void Feed::begin_at(KeyRecordPtr record) {

@@ -92,10 +92,6 @@ void Hub::pump(TimeUs now_us) {
   }
 }
 
-void Hub::mark_dirty(Stream& stream) {
-  if (dirty_.empty() || dirty_.back() != &stream) dirty_.push_back(&stream);
-}
-
 void Hub::deliver() {
   for (Stream* stream : dirty_) {
     stream->deliver();

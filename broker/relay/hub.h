@@ -44,7 +44,9 @@ class Hub {
 
   void pump(TimeUs now_us);
   /// Marks a stream that took frames or watchers: deliver() sends its frames and reschedules it.
-  void mark_dirty(Stream& stream);
+  void mark_dirty(Stream& stream) {
+    if (dirty_.empty() || dirty_.back() != &stream) dirty_.push_back(&stream);
+  }
   void deliver();
   /// Call after the frames of the last deliver() are written: encodes its streams' next poses (Feed::prepare).
   void prepare();

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/relay/mirror.h"
 
-#include <algorithm>
 #include <utility>
 
 namespace eigencast::broker {
@@ -93,10 +92,6 @@ void MirrorOrigin::push(std::size_t loop, MirrorEvent event) {
     for (const MirrorEvent& waiting : std::exchange(channel.waiting, {})) channel.sent -= cost_of(waiting);
   }
   arm();
-}
-
-void MirrorOrigin::arm() {
-  if (!std::exchange(armed_, true)) environment_.flush_soon();
 }
 
 void MirrorOrigin::flush() {

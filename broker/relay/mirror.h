@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -78,7 +79,9 @@ class MirrorOrigin final : public StreamTap {
   void broadcast(const Stream& stream, const MirrorEvent& event);
   void push(std::size_t loop, MirrorEvent event);
   void catch_up(std::size_t loop);
-  void arm();
+  void arm() {
+    if (!std::exchange(armed_, true)) environment_.flush_soon();
+  }
 
   const Environment environment_;
   std::vector<Channel> channels_;

@@ -45,10 +45,6 @@ void Outbox::open_lane(std::uint32_t stream_id) {
   lane->counts = before.counts;
 }
 
-void Outbox::close_lane(std::uint32_t stream_id) {
-  std::erase_if(lanes_, [&](const Lane& lane) { return lane.stream_id == stream_id; });
-}
-
 void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) return;

@@ -62,7 +62,9 @@ class Outbox {
 
   /// Opens a lane or resets it (new epoch, new profile): the receiver is assumed to have nothing.
   void open_lane(std::uint32_t stream_id);
-  void close_lane(std::uint32_t stream_id);
+  void close_lane(std::uint32_t stream_id) {
+    std::erase_if(lanes_, [&](const Lane& lane) { return lane.stream_id == stream_id; });
+  }
   void shrink() { control_.shrink_to_fit(); }
   /// Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);

@@ -13,10 +13,6 @@
 namespace eigencast::broker {
 namespace {
 
-std::string frame_label(const Envelope& envelope) {
-  return "frame " + std::to_string(envelope.sequence);
-}
-
 /// Makes profiles that request the same frames equal, whatever the epoch's format.
 Profile canonical(Profile profile) {
   if (profile.rate == Profile::Rate::kRaw) {
@@ -171,7 +167,7 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
   const auto frame = parse_frame(message);
   if (!frame) return frame.error();
   const auto record = record_from(*frame, now_us);
-  if (!record) return in_context(frame_label(frame->envelope), record.error());
+  if (!record) return in_context("frame " + std::to_string(frame->envelope.sequence), record.error());
   take_record(*record, now_us);
   return {};
 }

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "broker/websocket/reader.h"
 
-#include <algorithm>
 #include <cstring>
-#include <utility>
 
 namespace eigencast::broker::websocket {
 namespace {
@@ -14,10 +12,6 @@ constexpr std::uint8_t kFin = 0x80;
 constexpr std::uint8_t kReserved = 0x70;
 constexpr std::uint8_t kMasked = 0x80;
 constexpr std::size_t kMaskBytes = 4;
-
-bool is_known(std::uint8_t opcode) {
-  return opcode <= 2 || (opcode >= 8 && opcode <= 10);
-}
 
 /// Bytes of the length beyond the seven bits in the second byte.
 std::size_t length_bytes(std::uint8_t second) {
@@ -120,7 +114,7 @@ MessageReader::Failure MessageReader::check_head_start() {
   const auto wrong = [this](std::string_view why) { return failed(CloseCode::kProtocolError, why); };
   const auto opcode = static_cast<std::uint8_t>(head_[0] & 0x0f);
   if ((head_[0] & kReserved) != 0) return wrong("a reserved bit is set, and no extension was agreed on");
-  if (!is_known(opcode)) return wrong("an opcode that does not exist");
+  if ((opcode > 2 && opcode < 8) || opcode > 10) return wrong("an opcode that does not exist");
   if (is_control() && (head_[0] & kFin) == 0) return wrong("a control frame in fragments");
   if (opcode == 0 && message_ == Opcode::kContinuation) return wrong("a continuation of nothing");
   if ((opcode == 1 || opcode == 2) && message_ != Opcode::kContinuation)
@@ -211,14 +205,6 @@ MessageReader::Event MessageReader::close_event(ByteView payload) {
   }
   ended_ = true;
   return event;
-}
-
-TimeUs MessageReader::behind_us(TimeUs now_us) const {
-  return message_ == Opcode::kContinuation ? 0 : std::max<TimeUs>(0, now_us - pace_us_);
-}
-
-void MessageReader::excuse(TimeUs pause_us) {
-  if (!std::exchange(excused_, true)) pace_us_ += pause_us;
 }
 
 void MessageReader::stop() {

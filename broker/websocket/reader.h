@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <string_view>
+#include <utility>
 
 #include "broker/websocket/protocol.h"
 #include "common/core/bytes.h"
@@ -58,9 +60,13 @@ class MessageReader {
   /// How far an incomplete message is behind the pace of half a link of 64 kbit/s. Early bytes, empty fragments and
   /// control frames in between count for nothing. 0: none is incomplete.
   static constexpr TimeUs kUsPerByte = 250;
-  TimeUs behind_us(TimeUs now_us) const;
+  TimeUs behind_us(TimeUs now_us) const {
+    return message_ == Opcode::kContinuation ? 0 : std::max<TimeUs>(0, now_us - pace_us_);
+  }
   /// Reading pauses for so long, which is not the peer's fault: counts once for each message.
-  void excuse(TimeUs pause_us);
+  void excuse(TimeUs pause_us) {
+    if (!std::exchange(excused_, true)) pace_us_ += pause_us;
+  }
   /// Memory that an incomplete message takes; grows by no more than input does, or twofold.
   std::size_t held_bytes() const { return kept_.capacity() + control_.capacity(); }
   /// Frees that memory and discards all further input.
