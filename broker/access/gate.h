@@ -21,6 +21,7 @@ namespace eigencast::broker {
 
 /// What a read costs an event loop, however few bytes it brings: a system call, or a TLS record.
 inline constexpr double kReadUs = 3;
+inline constexpr double kPauseUs = 20;  ///< And a pause before the next.
 inline constexpr TimeUs kForeverUs = std::numeric_limits<TimeUs>::max();
 
 /// Takes an amount while no more than `burst` is ahead of the steady rate (the generic cell rate algorithm, ATM Forum

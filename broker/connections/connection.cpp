@@ -27,7 +27,6 @@ constexpr double kShortBytes = 1024, kJsonBytesPerUs = 28;
 constexpr TimeUs kMaxPauseUs = 2'000'000;
 // Rare, so that a pause costs little beside what it is for.
 constexpr TimeUs kMinPauseUs = 5'000;
-constexpr double kPauseUs = 20;
 
 // A client whose rights changed may reconnect at once.
 constexpr std::uint32_t kRightsRetryMs = 500;

@@ -71,7 +71,10 @@ class HttpSession final : public HttpConnection {
   }
 
   TimeUs read_wait_us() override {
-    return grant_->take_http_work(kReadUs, steady_now_us(), kMaxReadWaitUs).value_or(kMaxReadWaitUs);
+    const auto taken = [this](double work_us) {
+      return grant_->take_http_work(work_us, steady_now_us(), kMaxReadWaitUs).value_or(kMaxReadWaitUs);
+    };
+    return taken(kReadUs) > 0 ? taken(kPauseUs) : 0;
   }
 
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
