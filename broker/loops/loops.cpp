@@ -125,7 +125,8 @@ struct Loops::Other {
 
 Loops::Loops(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps)
     : ids_(std::make_shared<StreamIds>(config.limits.max_waiting_streams)) {
-  const std::size_t others = loops_wanted(config) - 1;
+  const auto threads = static_cast<std::size_t>(config.server.threads);
+  const std::size_t others = (threads == 0 ? std::min(cores(), kMaxLoops) : threads) - 1;
   if (others > 0) {
     origin_ = std::make_unique<MirrorOrigin>(others, origin_environment());
     taps.push_back(origin_.get());
