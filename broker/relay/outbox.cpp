@@ -9,11 +9,6 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
-/// Whether the receiver already shows this frame or a newer one of its chain.
-bool is_overtaken(const Frame& frame, std::optional<std::uint64_t> newest) {
-  return frame.envelope.kind != FrameKind::kJoin && newest && frame.builds_on + 1 <= *newest;
-}
-
 }  // namespace
 
 bool Outbox::push_control(Text text) {
@@ -49,9 +44,8 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) return;
   if (frame->is_key) {
-    const bool shown_as_it_comes = (frame->envelope.flags & Envelope::kAhead) == 0;
     skip(*lane, lane->key);
-    if (shown_as_it_comes) skip(*lane, lane->pose);
+    if ((frame->envelope.flags & Envelope::kAhead) == 0) skip(*lane, lane->pose);  // It is shown as it comes.
     lane->key = frame;
     lane->pose_first = lane->pose != nullptr;
   } else {
@@ -96,6 +90,7 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   ++joins_total_;
   ++lane.counts.joins;
   const std::uint64_t joined = join->envelope.sequence;
+  if ((join->envelope.flags & Envelope::kAhead) == 0) lane.shown = joined;
   if (lane.key && lane.key->envelope.sequence <= joined) lane.key = nullptr;  // The join holds it.
   if (lane.key && !decodable(*lane.key, joined)) skip(lane, lane.key);
   if (lane.pose && !decodable(*lane.pose, lane.key ? lane.key->envelope.sequence : joined)) skip(lane, lane.pose);
@@ -103,16 +98,20 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
 }
 
 void Outbox::drop_overtaken(Lane& lane) {
-  // A join may overtake frames that were made before it and are offered after it.
-  if (lane.key && is_overtaken(*lane.key, lane.newest)) lane.key = nullptr;
-  if (lane.pose && is_overtaken(*lane.pose, lane.newest)) skip(lane, lane.pose);
+  // A join may overtake frames that were made before it and are offered after it; shown, also the steps that end at it.
+  const auto is_overtaken = [&](const FramePtr& frame) {
+    if (!frame || !lane.newest) return false;
+    const bool is_step = frame->envelope.kind == FrameKind::kStep;
+    return frame->builds_on < *lane.newest || (is_step && frame->builds_on == lane.shown);
+  };
+  if (is_overtaken(lane.key)) lane.key = nullptr;
+  if (is_overtaken(lane.pose)) skip(lane, lane.pose);
 }
 
 void Outbox::note_in_flight(Lane& lane) {
   lane.in_flight.push_back(lane.last);
   if (lane.in_flight.size() <= limits_.max_in_flight) return;
-  lane.in_flight.erase(lane.in_flight.begin(),
-                       lane.in_flight.begin() + static_cast<std::ptrdiff_t>(lane.in_flight.size() / 2));
+  lane.in_flight.erase(lane.in_flight.begin(), lane.in_flight.begin() + std::ssize(lane.in_flight) / 2);
 }
 
 void Outbox::drop_unsent(const Frame& frame) {

@@ -110,6 +110,7 @@ class Outbox {
     FramePtr key;                         ///< Waiting key or join.
     FramePtr pose;                        ///< Waiting synthetic or step.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
+    std::optional<std::uint64_t> shown;   ///< Sequence of the latest join made for it that is shown at once.
     InFlight last{0, {}, -1};             ///< The last frame sent; the only one kept before the first acknowledgement.
     Ladder::Counts counts;
     std::vector<InFlight> in_flight;  ///< Oldest first.

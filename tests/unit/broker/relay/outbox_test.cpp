@@ -139,6 +139,20 @@ TEST_F(OutboxTest, LastStepAndNextKeyDoNotCompete) {
   EXPECT_EQ(outbox_.dropped_total(), 1u);
 }
 
+TEST_F(OutboxTest, WhatWasMadeBeforeShownJoinDoesNotFollowIt) {
+  join_at(5);
+  EXPECT_EQ(take(), -5);
+  for (const FramePtr& late : {frame(FrameKind::kJoin, 4), frame(FrameKind::kKey, 5, {}, Envelope::kAhead),
+                               frame(FrameKind::kStep, 5, {2, 3}), frame(FrameKind::kStep, 5, {3, 3})}) {
+    outbox_.offer(1, late);
+    EXPECT_EQ(take(), std::nullopt);
+  }
+  offer_ahead(7);
+  EXPECT_EQ(take(), -7);
+  outbox_.offer(1, frame(FrameKind::kStep, 7, {2, 3}));
+  EXPECT_EQ(take(), 7) << "this join was not shown";
+}
+
 TEST_F(OutboxTest, JoinAfterMissedKeyPrecedesPose) {
   join_at(1);
   take();
