@@ -169,17 +169,33 @@ TEST_F(ProxyTest, ForgedClientAddressesAreIgnored) {
   auto broker = scene_.start_broker(configured());
   ASSERT_NO_FATAL_FAILURE(start_nginx());
   EXPECT_THAT(curl(url("https", "streams")), HasSubstr(" 401")) << "127.0.0.1, but through a proxy";
-  const std::string target = url("https", "streams", outside);
-  EXPECT_THAT(curl(target), HasSubstr(" 401")) << "anonymous, from elsewhere";
+  const std::string target = url("https", "streams", outside), host = "Host: localhost:" + port_;
+  EXPECT_THAT(curl(target, {"--header", host}), HasSubstr(" 401")) << "anonymous, from elsewhere";
   for (const char* forged : {"X-Forwarded-For: 127.0.0.1", "Forwarded: for=127.0.0.1", "X-Real-IP: 127.0.0.1",
                              "X-Forwarded-For: 127.0.0.1, 127.0.0.1", "Forwarded: for=\"[::1]\";proto=https"}) {
-    EXPECT_THAT(curl(target, {"--header", forged}), HasSubstr(" 401")) << forged;
+    EXPECT_THAT(curl(target, {"--header", host, "--header", forged}), HasSubstr(" 401")) << forged;
   }
   // A page's host as the proxy says it, not as the client does.
   const std::string page = "Origin: https://elsewhere.example";
   EXPECT_THAT(curl(url("https", "streams"), {"--header", page}), HasSubstr(" 403"));
   EXPECT_THAT(curl(url("https", "streams"), {"--header", page, "--header", "X-Forwarded-Host: elsewhere.example"}),
               HasSubstr(" 403"));
+}
+
+TEST_F(ProxyTest, OtherHostsAreNotServed) {
+  if (!on_path("curl")) GTEST_SKIP() << "no curl";
+  write_secret(scene_.file("eigencast.toml"),
+               "[access]\nanonymous = \"anywhere\"\n[proxy]\ntrusted = [\"127.0.0.1\"]\n");
+  auto broker = scene_.start_broker(configured());
+  ASSERT_NO_FATAL_FAILURE(start_nginx());
+  const std::string page = "Origin: https://evil.example";
+  for (const char* host : {"Host: evil.example", "Host: evil.example:443", "Host: 127.0.0.1"})
+    EXPECT_THAT(curl(url("https", "streams"), {"--http1.1", "--header", host, "--header", page}), HasSubstr(" 421"));
+  const std::vector<std::string> both = {"--http1.1", "--request-target", url("https", "streams"), "--header",
+                                         "Host: evil.example"};
+  EXPECT_THAT(curl(url("https", "streams"), both), HasSubstr(" 421")) << "two hosts: one for nginx, one for the broker";
+  EXPECT_THAT(curl(url("https", "streams"), {"--header", page}), HasSubstr(" 403")) << "its host, a page of another";
+  EXPECT_THAT(curl(url("https", "streams")), HasSubstr(" 200"));
 }
 
 TEST_F(ProxyTest, LogsHoldNoTokens) {
