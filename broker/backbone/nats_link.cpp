@@ -12,6 +12,7 @@
 #include "broker/backbone/nats_link_impl.h"
 #include "broker/config/config.h"
 #include "common/core/text.h"
+#include "common/core/user_info.h"
 
 namespace eigencast::broker {
 namespace {
@@ -423,7 +424,7 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
     servers.push_back(server.c_str());
     if (server.starts_with("nats://") || server.starts_with("tls://") || !result) continue;
     result = fail(ErrorCode::kInvalidArgument,
-                  "backbone.servers: '" + server + "' is not nats://HOST:PORT or tls://HOST:PORT");
+                  "backbone.servers: '" + without_user_info(server) + "' is not nats://HOST:PORT or tls://HOST:PORT");
   }
   const auto set = [&](natsStatus status, const std::string& what) {
     if (status == NATS_OK || !result) return;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <string_view>
 
+#include "common/core/user_info.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -44,7 +46,10 @@ std::string rules_of(const Setting& setting) {
 }
 
 std::string shown(const Config& config, const Setting& setting) {
-  const SettingValue value = value_of(config, setting);
+  SettingValue value = value_of(config, setting);
+  if (setting.path() == "backbone.servers") {
+    for (std::string& server : std::get<std::vector<std::string>>(value)) server = without_user_info(server);
+  }
   if (!setting.secret) return toml_of(value);
   return std::get<std::string>(value).empty() ? "\"\"" : "\"(set)\"";
 }

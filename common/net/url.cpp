@@ -10,6 +10,7 @@
 
 #include "common/core/files.h"
 #include "common/core/text.h"
+#include "common/core/user_info.h"
 #include "common/net/client_stream.h"
 
 namespace eigencast {
@@ -22,11 +23,8 @@ constexpr std::size_t kMaxBrokers = 16;
 
 Error bad_url(std::string_view text, std::string_view why) {
   // Without what may be secret: the query, and what stands before a host.
-  std::string shown(text.substr(0, std::min<std::size_t>(200, text.find('?'))));
-  const std::size_t scheme = shown.find("://"), begin = scheme == std::string::npos ? 0 : scheme + 3;
-  if (const std::size_t at = shown.rfind('@'); at != std::string::npos && at > begin) {
-    shown.replace(begin, at - begin, "...");
-  }
+  std::string shown = without_user_info(text);
+  shown.resize(std::min({shown.size(), std::size_t{200}, shown.find('?')}));
   return fail(ErrorCode::kInvalidArgument, "\"" + shown + "\" is not a broker's URL: " + std::string(why) +
                                                "; a URL is, for example, ws://host:7490/stream");
 }

@@ -12,6 +12,7 @@
 #include <set>
 #include <sstream>
 
+#include "broker/backbone/nats_link.h"
 #include "broker/command_line/options.h"
 #include "broker/config/show.h"
 
@@ -217,14 +218,26 @@ TEST(ConfigTest, DependentSettingsAreChecked) {
 }
 
 TEST(ConfigTest, SecretsAreNeverShown) {
-  const char* argv[] = {"eigencast-broker", "--show-config", "--access-jwt-secret", "hunter2-hunter2-hunter2-hunter2-"};
-  const auto options = read_options(4, argv, {}, "0");
+  const char* argv[] = {"eigencast-broker",
+                        "--show-config",
+                        "--access-jwt-secret",
+                        "hunter2-hunter2-hunter2-hunter2-",
+                        "--backbone-servers",
+                        "nats://me:hunter2@a:4222,nats://b:4222"};
+  const auto options = read_options(6, argv, {}, "0");
   ASSERT_TRUE(options) << options.error().message;
   EXPECT_THAT(*options->answer, HasSubstr("jwt_secret = \"(set)\""));
   EXPECT_THAT(*options->answer, ::testing::Not(HasSubstr("hunter2")));
   const auto changes = changes_between(Config{}, options->loaded.config);
-  ASSERT_EQ(changes.size(), 1U);
+  ASSERT_EQ(changes.size(), 2U);
   EXPECT_EQ(changes[0].after, "\"(set)\"");
+  EXPECT_EQ(changes[1].after, R"(["nats://...@a:4222", "nats://b:4222"])");
+  for (const char* bad : {"http://me:hunter2@a:1", "me:hunter2@a:1", "nats:me:hunter2@a:1"}) {
+    Config config;
+    config.backbone.servers = {bad};
+    EXPECT_THAT(make_nats_link(config, "test", {}).error().message,
+                ::testing::AllOf(HasSubstr("@a:1"), ::testing::Not(HasSubstr("hunter2"))));
+  }
 }
 
 TEST(ConfigTest, InvalidAddressesAreRefused) {
