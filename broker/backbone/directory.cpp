@@ -229,6 +229,7 @@ std::vector<std::string> Directory::forgotten(TimeUs now_us) const {
   std::vector<std::string> names;
   if (now_us - began_us_ < kForgetUs) return names;
   for (const auto& [name, known] : streams_) {
+    if (names.size() == kMaxForgotten) break;
     if (!known.entry) continue;
     if (known.entry->owner == self_) {
       if (!known.entry->live && now_us - known.since_us > kForgetUs) names.push_back(name);

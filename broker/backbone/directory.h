@@ -49,6 +49,7 @@ class Directory {
   static constexpr TimeUs kHeartbeatTimeoutUs = 5'000'000;
   /// Entries of gone brokers are removed after this time.
   static constexpr TimeUs kForgetUs = 600'000'000;
+  static constexpr std::size_t kMaxForgotten = 50;  ///< At a time.
   /// Target number of heartbeats per period from brokers without streams.
   static constexpr std::size_t kHeartbeatsPerPeriod = 100;
   static constexpr std::size_t kMaxBrokers = 200'000;  ///< More are ignored.
@@ -100,7 +101,7 @@ class Directory {
   const DirectoryEntry* live(std::string_view stream, TimeUs now_us) const;
   /// The revision that a change of the entry must expect; 0: never written.
   std::uint64_t revision(std::string_view stream) const;
-  /// Streams whose entries are to be removed: their brokers stopped long ago, or they ended here.
+  /// Streams whose entries are to be removed next: their brokers stopped long ago, or they ended here.
   std::vector<std::string> forgotten(TimeUs now_us) const;
 
   /// Periods between two heartbeats of a broker without streams; grows with their number, to bound the traffic.

@@ -132,7 +132,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   // GUARDED_BY(mutex_), all that follows.
   std::deque<Outgoing> outgoing_;
   std::size_t outgoing_bytes_ = 0;
-  std::deque<std::function<void()>> rows_;
+  std::deque<std::function<void()>> rows_, removals_;  ///< To be written.
   bool connected_ = false, stopping_ = false;
   ConnectionNews news_;
   bool written_ = false;  ///< The writer has ended.

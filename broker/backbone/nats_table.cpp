@@ -18,7 +18,8 @@ constexpr auto kReread = 60s;  ///< Period of reading the whole table again.
 void NatsLink::write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
                          std::function<void(const Result<std::uint64_t>&)> written) {
   const std::lock_guard lock(mutex_);
-  rows_.push_back([this, key, text = std::move(text), expected, written = std::move(written)] {
+  auto& queue = text ? rows_ : removals_;
+  queue.push_back([this, key, text = std::move(text), expected, written = std::move(written)] {
     const auto result = write_now(key, text, expected);
     if (result) publish_row(key, text, *result);
     post_to_listener([written, result] { written(result); });
@@ -29,10 +30,11 @@ void NatsLink::write_row(const std::string& key, std::optional<std::string> text
 void NatsLink::write_all() {
   std::unique_lock lock(mutex_);
   for (;;) {
-    wake_.wait(lock, [this] { return stopping_ || !rows_.empty(); });
-    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= drain_until_)) break;
-    const auto job = std::move(rows_.front());
-    rows_.pop_front();
+    wake_.wait(lock, [this] { return stopping_ || !rows_.empty() || !removals_.empty(); });
+    auto& queue = rows_.empty() ? removals_ : rows_;  // Senders wait for rows.
+    if (stopping_ && (queue.empty() || std::chrono::steady_clock::now() >= drain_until_)) break;
+    const auto job = std::move(queue.front());
+    queue.pop_front();
     lock.unlock();
     job();
     lock.lock();

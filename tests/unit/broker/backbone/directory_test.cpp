@@ -115,6 +115,19 @@ TEST(Directory, ForgetsEntriesOfGoneBrokers) {
   EXPECT_EQ(directory.forgotten(Directory::kForgetUs), std::vector<std::string>{"theirs"});
 }
 
+TEST(Directory, ForgetsManyEntriesAFewAtATime) {
+  Directory directory("me", 0);
+  std::uint64_t revision = 0;
+  for (int i = 0; i < 1'000; ++i)
+    ASSERT_TRUE(directory.take("x" + std::to_string(i), text_from_entry(entry_of("gone", 1)), ++revision, 0));
+  int passes = 0;
+  for (std::vector<std::string> names; !(names = directory.forgotten(Directory::kForgetUs)).empty(); ++passes) {
+    EXPECT_LE(names.size(), 50U);
+    for (const std::string& name : names) ASSERT_TRUE(directory.take(name, std::nullopt, ++revision, 0, "me"));
+  }
+  EXPECT_GE(passes, 20);
+}
+
 TEST(Directory, ForgetsStreamsThatEndedHere) {
   Directory directory("me", 0);
   ASSERT_TRUE(directory.take("ended", text_from_entry(entry_of("me", 1, false)), 1, Directory::kForgetUs));
