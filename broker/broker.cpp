@@ -45,8 +45,7 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
           .streams = StreamPatterns::from(config.recording.streams).value(),  // Checked by create().
           .include_asset = config.recording.include_asset,
           .max_queued_bytes = config.recording.max_queued_bytes,
-          .max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes),
-          .max_share_percent = static_cast<std::uint64_t>(config.recording.max_share_percent)};
+          .max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes)};
 }
 
 std::uint64_t unix_now_s() {

@@ -319,12 +319,13 @@ void Recorder::recount() {
 
 /// The quota that leaves this holder nothing; null: there is room. REQUIRES: mutex_ is held.
 const char* Recorder::used_up(const std::string& holder) const {
-  const std::uint64_t max = settings_.max_total_bytes;
+  const auto max = static_cast<std::int64_t>(settings_.max_total_bytes);
+  const auto stored = static_cast<std::int64_t>(totals_.stored_bytes);
   const auto held = holders_.find(holder);
-  const std::uint64_t share = max / 100 * settings_.max_share_percent + max % 100 * settings_.max_share_percent / 100;
-  if (totals_.stored_bytes >= max) return "the recordings take all that recording.max_total_bytes allows";
-  if (held == holders_.end() || held->second < share) return nullptr;
-  return "those of its sender's token or address take their share (recording.max_share_percent)";
+  const auto own = static_cast<std::int64_t>(held == holders_.end() ? 0 : held->second);
+  if (stored >= max) return "the recordings take all that recording.max_total_bytes allows";
+  if (own < share_of(max, stored, own)) return nullptr;
+  return "those of its sender's token or address take a quarter of what others leave of recording.max_total_bytes";
 }
 
 void Recorder::work(Item& item) {

@@ -46,8 +46,7 @@ class Recorder final : public StreamTap {
     StreamPatterns streams;      ///< Streams recorded whenever they are live.
     bool include_asset = false;  ///< Include the asset's objects.
     std::int64_t max_queued_bytes = 16 << 20;
-    std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all recordings in the folder.
-    std::uint64_t max_share_percent = 50;                     ///< Of that, for what one sender's holder made.
+    std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all in the folder; one holder's: share_of() it.
   };
   struct Totals {
     std::uint64_t active = 0;

@@ -285,7 +285,7 @@ TEST_F(RecorderTest, AssetIsStoredOnceHoweverOftenAnnounced) {
 TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
   settings_.include_asset = true;
   settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
-  settings_.max_total_bytes = 1'000'000;
+  settings_.max_total_bytes = 2'000'000;
   start();
   Hub hub({.stream = {.taps = {assets_.get(), recorder_.get()}}});
   announce_as(hub, "good", "camera", 10'000);
@@ -298,11 +298,39 @@ TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
   };
   EXPECT_TRUE(eventually([&] { return is_recording("good") && recorder_->totals().active == 1; })) << log();
   EXPECT_FALSE(is_recording("greedy"));
-  EXPECT_THAT(log(), HasSubstr("recording.max_share_percent"));
+  EXPECT_THAT(log(), HasSubstr("recording.max_total_bytes"));
   announce_as(hub, "greedy/again", "other", 10);
   EXPECT_EQ(recorder_->totals().active, 1u) << "no file anew for what is over its share";
   announce_as(hub, "third", "third", 10);
   EXPECT_EQ(recorder_->totals().active, 2u);
+}
+
+TEST_F(RecorderTest, TwoHoldersLeaveRoomForOthers) {
+  settings_.include_asset = true;
+  settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
+  settings_.max_total_bytes = 1'000'000;
+  start();
+  Hub hub({.stream = {.taps = {assets_.get(), recorder_.get()}}});
+  std::map<std::string, Stream*> streams;
+  std::uint8_t number = 0;
+  const auto announce_for = [&](const std::string& holder, std::size_t asset_bytes) {
+    Stream*& stream = streams[holder];
+    if (stream == nullptr) {
+      stream = hub.open("of/" + holder).value();
+      EXPECT_TRUE(stream->claim(senders_.emplace_back()));
+      EXPECT_TRUE(hub.admit(*stream, {holder, false}, small_announce().format, FakeAccount().charge()));
+    }
+    control::Announce announce = small_announce();
+    announce.asset = put(Bytes(asset_bytes, ++number)).hex();
+    EXPECT_TRUE(stream->announce(announce, ++epoch_));
+  };
+  announce_for("good", 1'000);
+  for (int i = 0; i < 30; ++i) {
+    for (const char* holder : {"first", "second"}) announce_for(holder, 20'000);
+    EXPECT_TRUE(eventually([&] { return recorder_->totals().queued_bytes == 0; })) << log();
+  }
+  EXPECT_TRUE(eventually([&] { return recorder_->totals().active == 1; })) << "the good one: " << log();
+  EXPECT_LT(recorder_->totals().stored_bytes, 600'000u);
 }
 
 TEST_F(RecorderTest, FullDiskEndsOnlyTheRecording) {
