@@ -96,7 +96,6 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   settings.max_object_bytes = static_cast<std::uint64_t>(config.assets.max_object_bytes);
   settings.max_total_bytes = static_cast<std::uint64_t>(config.assets.max_total_bytes);
   settings.max_objects = static_cast<std::uint64_t>(config.assets.max_objects);
-  settings.max_share_percent = static_cast<std::uint64_t>(config.assets.max_share_percent);
   auto assets = AssetStore::open(folder, settings);
   if (!assets) return assets.error();
   if (auto patterns = StreamPatterns::from(config.recording.streams); !patterns) {

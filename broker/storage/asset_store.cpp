@@ -156,18 +156,9 @@ AssetStore::Holder& AssetStore::holder(std::string_view name) {
   return holders_.emplace(std::string(name), Holder{std::string(name)}).first->second;
 }
 
-std::uint64_t AssetStore::share_of(std::uint64_t all) const {
-  return all / 100 * settings_.max_share_percent + all % 100 * settings_.max_share_percent / 100;
-}
-
 double AssetStore::load(const std::string& name) const {
   const auto found = holders_.find(name);
-  if (found == holders_.end()) return 0;
-  const auto part = [](std::uint64_t of, std::uint64_t all) {
-    return static_cast<double>(of) / static_cast<double>(all);
-  };
-  return std::max(part(found->second.bytes, settings_.max_total_bytes),
-                  part(found->second.objects, settings_.max_objects));
+  return found == holders_.end() ? 0 : found->second.load;
 }
 
 void AssetStore::charge(Holder& holder, std::int64_t bytes, int objects) {
@@ -177,12 +168,18 @@ void AssetStore::charge(Holder& holder, std::int64_t bytes, int objects) {
 }
 
 void AssetStore::count(Holder& holder, std::int64_t bytes, int objects) {
+  const auto part = [](std::uint64_t of, std::uint64_t all) {
+    return static_cast<double>(of) / static_cast<double>(all);
+  };
+  by_load_.erase({holder.load, &holder});
   holder.bytes += static_cast<std::uint64_t>(bytes);
   holder.objects += static_cast<std::uint64_t>(objects);
-  const bool over = !holder.name.empty() && (holder.bytes > share_of(settings_.max_total_bytes) ||
-                                             holder.objects > share_of(settings_.max_objects));
-  over ? (void)over_.insert(&holder) : (void)over_.erase(&holder);
-  if (holder.objects == 0) holders_.erase(holders_.find(holder.name));
+  holder.load = std::max(part(holder.bytes, settings_.max_total_bytes), part(holder.objects, settings_.max_objects));
+  if (holder.objects == 0) {
+    holders_.erase(holders_.find(holder.name));
+  } else {
+    by_load_.emplace(holder.load, &holder);
+  }
 }
 
 bool AssetStore::pass_on(Entry& entry) {
@@ -191,7 +188,7 @@ bool AssetStore::pass_on(Entry& entry) {
   Holder& from = *entry.holder;
   Holder& to = holder(entry.user);
   count(to, bytes, 1);
-  const bool fits = !over_.contains(&to);
+  const bool fits = !to.is_over();
   if (fits) {
     entry.user.clear();
     entry.holder = &to;
@@ -358,7 +355,7 @@ void AssetStore::note_users(const Sha256& id, const Users& users, TimeUs now_us)
   const bool known = !entry.user.empty() && entry.user_us >= noted_us_;
   if (!known || load(entry.user) > user->first) entry.user = user->second;
   if (entry.user == user->second) entry.user_us = now_us;
-  if (over_.contains(entry.holder)) (void)pass_on(entry);
+  if (entry.holder->is_over()) (void)pass_on(entry);
 }
 
 bool AssetStore::evict_oldest(const Holder& wanting) {
@@ -367,19 +364,22 @@ bool AssetStore::evict_oldest(const Holder& wanting) {
   {
     const std::lock_guard lock(mutex_);
     if (!is_over()) return false;
-    const auto gives = [](const Holder* holder) { return !holder->order.empty(); };
-    const bool own = over_.contains(&wanting);
-    const auto giver = own ? over_.end() : std::find_if(over_.begin(), over_.end(), gives);
-    const auto& order = own ? wanting.order : giver != over_.end() ? (*giver)->order : order_;
+    const auto most = std::find_if(by_load_.rbegin(), by_load_.rend(),
+                                   [](const auto& holder) { return !holder.second->order.empty(); });
+    const bool own = most == by_load_.rend() || wanting.load >= most->first;
+    const Holder& giver = own ? wanting : *most->second;
+    bool gives = giver.is_over();
+    const auto& order = gives ? giver.order : order_;
     if (order.empty()) return false;
-    const auto entry = entries_.find(order.front());
-    if ((own || giver != over_.end()) && pass_on(entry->second)) return true;
-    const TimeUs idle_since_us = std::min(now_us - settings_.min_idle_us, noted_us_.load());
-    if (giver == over_.end() && entry->second.used_us >= idle_since_us) return false;
+    auto entry = entries_.find(order.front());
+    const TimeUs used_us = entry->second.used_us, idle_since_us = now_us - settings_.min_idle_us;
+    if (!gives && !own && used_us >= idle_since_us) gives = true, entry = entries_.find(giver.order.front());
+    if (gives && pass_on(entry->second)) return true;
+    if (used_us >= std::min(idle_since_us, noted_us_.load()) && (own || !gives)) return false;
     // Freeing a large file takes long and contains() waits for the lock: unlink after it.
     if (::rename(path_of(entry->first).c_str(), aside.c_str()) != 0 && errno != ENOENT) {
       use(entry->second, now_us);  // The next one first.
-      return giver == over_.end();
+      return own || !gives;
     }
     erase(entry);
     ++evicted_;
@@ -446,8 +446,7 @@ Result<void> AssetStore::Upload::grow(std::uint64_t bytes) {
               "the asset store is full of what streams use or used a moment ago, or of what others may "
               "keep: assets.max_total_bytes = " +
                   std::to_string(store_.settings_.max_total_bytes) +
-                  ", assets.max_objects = " + std::to_string(store_.settings_.max_objects) +
-                  ", assets.max_share_percent = " + std::to_string(store_.settings_.max_share_percent));
+                  ", assets.max_objects = " + std::to_string(store_.settings_.max_objects));
 }
 
 Result<void> AssetStore::Upload::write(ByteView data) {

@@ -33,10 +33,11 @@ constexpr std::uint64_t charge_of(std::uint64_t bytes) {
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
 /// When an upload needs space, the least recently used objects that no stream uses are evicted; those of a holder
-/// beyond its share before all others, in use or not, unless it is the one that uploads. What streams of others use is
-/// then charged to one of these instead, as long as its share has room: nobody loses what it uses because others stored
-/// too much, and nobody pays for what it neither stored nor uses. A stream uses the asset that it announced and every
-/// object that this lists, as note_uses() finds; all else costs the same for any number of streams.
+/// beyond its share, half of the store, before all others, in use or not, unless it is the one that uploads; where all
+/// else is in use, those of the holder of most, for one that holds less. What streams of others use is then charged to
+/// one of these instead, as long as its share has room: nobody loses what it uses because others stored too much, and
+/// nobody pays for what it neither stored nor uses. A stream uses the asset that it announced and every object that
+/// this lists, as note_uses() finds; all else costs the same for any number of streams.
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -46,7 +47,6 @@ class AssetStore final : public StreamTap {
     std::uint64_t max_object_bytes = 256u << 20;
     std::uint64_t max_total_bytes = std::uint64_t{16} << 30;  ///< Of charge_of().
     std::uint64_t max_objects = 100'000;
-    std::uint64_t max_share_percent = 50;  ///< Of both, for one holder, where others need room.
     /// Objects used within this time stay: a sender uploads its chunks before it announces them (default: 60 s).
     TimeUs min_idle_us = 60'000'000;
   };
@@ -55,7 +55,9 @@ class AssetStore final : public StreamTap {
   struct Holder {
     std::string name;
     std::uint64_t bytes = 0, objects = 0;  ///< As charged, uploads under way included.
+    double load = 0;                       ///< What part of the store that is.
     std::list<Sha256> order{};             ///< By last use, oldest first.
+    bool is_over() const { return !name.empty() && load > 0.5; }  ///< Beyond its share.
   };
 
   /// Leaves nothing behind unless commit() succeeds.
@@ -156,7 +158,6 @@ class AssetStore final : public StreamTap {
   bool pass_on(Entry& entry);
   /// What part of the store a holder is charged for. REQUIRES: mutex_.
   double load(const std::string& name) const;
-  std::uint64_t share_of(std::uint64_t all) const;
   bool evict_oldest(const Holder& wanting);  ///< False: the store is within its quota, or none is idle.
   Holder& holder(std::string_view name);     ///< REQUIRES: mutex_, and that it is charged before others.
   /// Counts bytes and an object, or takes them back; then a holder of nothing is forgotten. REQUIRES: mutex_.
@@ -177,7 +178,7 @@ class AssetStore final : public StreamTap {
   mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)
   std::map<std::string, Used, std::less<>> used_by_stream_;    // GUARDED_BY(mutex_)
   std::map<std::string, Holder, std::less<>> holders_;         // GUARDED_BY(mutex_)
-  std::set<const Holder*, std::less<>> over_;                  ///< Beyond their share. GUARDED_BY(mutex_)
+  std::set<std::pair<double, const Holder*>> by_load_;         // GUARDED_BY(mutex_)
   std::atomic<TimeUs> noted_us_{kNever};                       ///< note_uses() has noted all uses at that time.
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};

@@ -177,7 +177,7 @@ constexpr std::size_t kBlock = 4096;
 constexpr std::uint64_t kTenBlocks = 10 * kBlock + 4096;
 
 TEST_F(AssetStoreTest, QuotasHold) {
-  open({5 * kBlock, 7 * kBlock, 100, 50, 0});
+  open({5 * kBlock, 7 * kBlock, 100, 0});
   const Bytes large(5 * kBlock, 1), other(2 * kBlock, 2);
   auto first = store_->begin_upload(sha256(large)).value();
   ASSERT_TRUE(first->write(large));
@@ -191,7 +191,7 @@ TEST_F(AssetStoreTest, QuotasHold) {
 }
 
 TEST_F(AssetStoreTest, SmallObjectsCountAsWhatTheDiskTakes) {
-  open({1000, 64 * kBlock, 1'000'000, 50, 60'000'000});
+  open({1000, 64 * kBlock, 1'000'000, 60'000'000});
   std::uint8_t kept = 0;
   while (put(Bytes(8, kept)) && kept < 200) ++kept;
   EXPECT_GT(kept, 50);
@@ -206,7 +206,7 @@ TEST_F(AssetStoreTest, SmallObjectsCountAsWhatTheDiskTakes) {
 }
 
 TEST_F(AssetStoreTest, ObjectsAreCounted) {
-  open({1000, 1 << 30, 3, 50, 60'000'000});
+  open({1000, 1 << 30, 3, 60'000'000});
   for (std::uint8_t i = 0; i < 3; ++i) ASSERT_TRUE(put(Bytes(8, i)));
   const auto refused = store_->begin_upload(sha256(Bytes(8, 9)));
   ASSERT_FALSE(refused);
@@ -214,7 +214,7 @@ TEST_F(AssetStoreTest, ObjectsAreCounted) {
   EXPECT_THAT(refused.error().message, ::testing::HasSubstr("assets.max_objects = 3"));
   EXPECT_EQ(store_->objects(), 3u);
   EXPECT_EQ(files_left(), 3u);
-  open({1000, 1 << 30, 3, 50, 0});
+  open({1000, 1 << 30, 3, 0});
   EXPECT_EQ(store_->objects(), 3u) << "counted at the start too";
   ASSERT_TRUE(put(Bytes(8, 9)));
   EXPECT_EQ(store_->evicted(), 1u) << "one idle object makes room";
@@ -223,7 +223,7 @@ TEST_F(AssetStoreTest, ObjectsAreCounted) {
 }
 
 TEST_F(AssetStoreTest, LeastRecentlyUsedObjectIsEvicted) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  open({kTenBlocks, kTenBlocks, 100, 0});
   const Sha256 chunk = *put(Bytes(3 * kBlock, 1));
   const Sha256 manifest = *put(testing::manifest_of({chunk, sha256(Bytes{1}), chunk}));
   store_->set_used("a", manifest);
@@ -273,6 +273,21 @@ TEST_F(AssetStoreTest, LoneHolderFillsTheStoreUntilOthersCome) {
   const auto under_way = store_->begin_upload(sha256(Bytes(5 * kBlock, 102)), "third").value();
   EXPECT_TRUE(under_way->write(Bytes(2 * kBlock, 102)));
   EXPECT_FALSE(under_way->write(Bytes(3 * kBlock, 102))) << "nobody else is beyond a share";
+}
+
+TEST_F(AssetStoreTest, TwoHoldersLeaveRoomForOthers) {
+  open({.max_objects = 10, .min_idle_us = 3'600'000'000});
+  std::uint8_t number = 0;
+  const auto taken = [&](const std::string& holder, int wanted) {
+    int count = 0;
+    while (wanted-- > 0) count += put(Bytes(8, ++number), holder) ? 1 : 0;
+    return count;
+  };
+  EXPECT_EQ(taken("first", 5) + taken("second", 5), 10) << "all in use, nobody beyond a share";
+  EXPECT_EQ(taken("third", 5), 3) << "until it holds as much as the others";
+  EXPECT_EQ(taken("first", 5) + taken("second", 5) + taken("third", 5), 0);
+  EXPECT_EQ(taken("fourth", 1), 1);
+  EXPECT_EQ(store_->objects(), 10u);
 }
 
 TEST_F(AssetStoreTest, UsersTakeOverWhatOthersStored) {
@@ -327,7 +342,7 @@ TEST_F(AssetStoreTest, SharesCountObjects) {
 }
 
 TEST_F(AssetStoreTest, LoadedObjectsKeepTheirOrderOfUse) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  open({kTenBlocks, kTenBlocks, 100, 0});
   std::vector<Sha256> ids;
   for (std::uint8_t i = 0; i < 4; ++i) ids.push_back(*put(Bytes(2 * kBlock, i)));
   for (std::size_t i = 0; i < ids.size(); ++i) {
@@ -335,14 +350,14 @@ TEST_F(AssetStoreTest, LoadedObjectsKeepTheirOrderOfUse) {
     fs::last_write_time(folder_ + "/assets/" + hex.substr(0, 2) + "/" + hex,
                         fs::file_time_type::clock::now() - std::chrono::hours(i == 2 ? 9 : 2));
   }
-  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  open({kTenBlocks, kTenBlocks, 100, 0});
   ASSERT_TRUE(put(Bytes(3 * kBlock, 9)));
   EXPECT_EQ(store_->evicted(), 1u);
   EXPECT_FALSE(store_->contains(ids[2])) << "unused for longest";
 }
 
 TEST_F(AssetStoreTest, UsedAssetIsReadOncePerIdleTime) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 3'600'000'000});
+  open({kTenBlocks, kTenBlocks, 100, 3'600'000'000});
   const Sha256 chunk = *put(Bytes(8 * kBlock, 1));
   const Sha256 manifest = *put(testing::manifest_of({chunk}));
   store_->set_used("a", manifest);
@@ -372,7 +387,7 @@ TEST_F(AssetStoreTest, UploadsToAFullStoreReadNothingThatStreamsUse) {
 }
 
 TEST_F(AssetStoreTest, WhatStreamsMayUseByNowStays) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  open({kTenBlocks, kTenBlocks, 100, 0});
   const Sha256 early = *put(Bytes(3 * kBlock, 1));
   store_->note_uses();
   const Bytes late(3 * kBlock, 2), large(5 * kBlock, 3);
@@ -411,7 +426,7 @@ TEST_F(AssetStoreTest, OnlyManifestsListObjects) {
 }
 
 TEST_F(AssetStoreTest, RepeatedUploadCountsAsUse) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  open({kTenBlocks, kTenBlocks, 100, 0});
   const Sha256 first = *put(Bytes(3 * kBlock, 1)), second = *put(Bytes(3 * kBlock, 2));
   EXPECT_EQ(put(Bytes(3 * kBlock, 1)), first);
   ASSERT_TRUE(put(Bytes(5 * kBlock, 3)));
@@ -437,14 +452,14 @@ TEST_F(AssetStoreTest, ForeignFilesAreIgnored) {
 }
 
 TEST_F(AssetStoreTest, RecentlyUsedObjectStays) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 60'000'000});
+  open({kTenBlocks, kTenBlocks, 100, 60'000'000});
   EXPECT_TRUE(put(Bytes(6 * kBlock, 1)));
   EXPECT_FALSE(put(Bytes(6 * kBlock, 2)));
   EXPECT_TRUE(store_->contains(sha256(Bytes(6 * kBlock, 1))));
 }
 
 TEST_F(AssetStoreTest, EvictedObjectStaysReadableWhileOpen) {
-  open({kTenBlocks, kTenBlocks, 100, 50, 0});
+  open({kTenBlocks, kTenBlocks, 100, 0});
   const Bytes content(6 * kBlock, 1);
   const Sha256 id = *put(content);
   const auto object = store_->read(id).value();
