@@ -123,7 +123,8 @@ TEST(Directory, ForgetsManyEntriesAFewAtATime) {
   int passes = 0;
   for (std::vector<std::string> names; !(names = directory.forgotten(Directory::kForgetUs)).empty(); ++passes) {
     EXPECT_LE(names.size(), 50U);
-    for (const std::string& name : names) ASSERT_TRUE(directory.take(name, std::nullopt, ++revision, 0, "me"));
+    for (const std::string& name : names)
+      ASSERT_TRUE(directory.take(name, std::nullopt, ++revision, Directory::kForgetUs, "me"));
   }
   EXPECT_GE(passes, 20);
 }
