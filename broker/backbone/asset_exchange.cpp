@@ -90,7 +90,9 @@ void AssetExchange::serve(const std::string& self) {
     ++answering_;
     on_disk_([this, alive = alive_, on_loop = on_loop_, message = std::move(message), reply = std::move(reply)] {
       reply(answer(store_, message));
-      on_loop([this, alive] { answering_ -= *alive ? 1 : 0; });
+      on_loop([this, alive] {
+        if (*alive) --answering_;
+      });
     });
   });
 }
