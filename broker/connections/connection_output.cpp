@@ -199,7 +199,7 @@ void Connection::block(Transport::Wait wait) {
       return false;
     }
     if (!item.frame) return false;
-    outbox_.drop_unsent(*item.frame);
+    outbox_.drop_unsent(item.frame);
     queued_bytes_ -= size;
     return true;
   });

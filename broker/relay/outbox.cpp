@@ -114,17 +114,19 @@ void Outbox::note_in_flight(Lane& lane) {
   lane.in_flight.erase(lane.in_flight.begin(), lane.in_flight.begin() + std::ssize(lane.in_flight) / 2);
 }
 
-void Outbox::drop_unsent(const Frame& frame) {
-  Lane* lane = find(frame.envelope.stream_id);
+void Outbox::drop_unsent(const FramePtr& frame) {
+  const Envelope& head = frame->envelope;
+  Lane* lane = find(head.stream_id);
   if (lane == nullptr) return;
-  ++lane->dropped;
-  ++lane->counts.dropped;
   --lane->counts.sent;
-  ++dropped_total_;
-  std::erase_if(lane->in_flight, [&](const InFlight& sent) {
-    return sent.sequence == frame.envelope.sequence && sent.step == frame.envelope.step;
-  });
-  if (!frame.is_key) return;
+  std::erase_if(lane->in_flight,
+                [&](const InFlight& sent) { return sent.sequence == head.sequence && sent.step == head.step; });
+  FramePtr dropped = frame;
+  const bool is_last =
+      !frame->is_key && !lane->key && (!lane->pose || lane->pose->envelope.capture_us < head.capture_us);
+  if (is_last) std::swap(dropped, lane->pose);
+  skip(*lane, dropped);
+  if (!frame->is_key) return;
   lane->newest.reset();
   lane->wants_join = true;
 }

@@ -76,8 +76,9 @@ class Outbox {
   /// The next message to send: control first, then the lanes in turn. Nothing: all is sent or waits for the window.
   std::optional<Item> take(TimeUs now_us, const JoinSource& join_of);
 
-  /// A frame that take() returned was not written: counts it as dropped; the receiver does not have it.
-  void drop_unsent(const Frame& frame);
+  /// A frame that take() returned was not written; the receiver does not have it. The last pose waits again, so that a
+  /// receiver shows it even if the sender pauses; all others count as dropped.
+  void drop_unsent(const FramePtr& frame);
 
   void acknowledge(const control::Ack::Item& item, TimeUs now_us);
 

@@ -58,7 +58,7 @@ class SlowViewer : public FakeReceiver {
     if (queue_.empty()) return fill();
     blocked_ = true;
     const std::size_t begun = dice_.one_in(2) ? 1 : 0;
-    for (std::size_t i = begun; i < queue_.size(); ++i) outbox_.drop_unsent(*queue_[i]);
+    for (std::size_t i = begun; i < queue_.size(); ++i) outbox_.drop_unsent(queue_[i]);
     queue_.resize(std::min(begun, queue_.size()));
   }
   void unblock() {
@@ -139,6 +139,18 @@ class SlowScene {
       use_socket();
     }
   }
+  /// The sender pauses; the viewer reads all only in the end.
+  void pause() {
+    held_ = false;
+    for (int i = 0; i < 700; ++i) {
+      now_ += 2'000;
+      arrive();
+      pump();
+      stream_.deliver();
+      use_socket();
+    }
+    viewer_.read_all();
+  }
   /// Regular keys, and a viewer that reads them.
   void calm() {
     held_ = false;
@@ -210,6 +222,18 @@ TEST_P(SlowViewerTest, NeverShowsOlderPose) {
     }
   }
   EXPECT_GT(joins, 700u) << "viewers missed keys";
+}
+
+TEST_P(SlowViewerTest, ShowsTheLastPoseOfASenderThatPauses) {
+  if (GetParam().rate == Profile::Rate::kEstimated) return;  // Estimates go on.
+  for (unsigned seed = 0; seed < 150 && !HasFailure(); ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    SlowScene scene(GetParam(), seed);
+    scene.play(300);
+    scene.pause();
+    ASSERT_FALSE(scene.viewer_.poses.empty());
+    EXPECT_EQ(scene.viewer_.poses.back().envelope.capture_us, scene.newest_us_);
+  }
 }
 
 using Rate = Profile::Rate;
