@@ -18,6 +18,8 @@
 #include <utility>
 
 #include "broker/relay/stream.h"
+#include "common/asset/asset_limits.h"
+#include "common/asset/format/manifest.h"
 
 namespace eigencast::broker {
 namespace {
@@ -31,7 +33,6 @@ Error io_error(const std::string& what, int number) {
   return fail(ErrorCode::kIo, std::move(message));
 }
 
-constexpr std::uint64_t kMaxListBytes = 4u << 20;  ///< Manifests are far smaller.
 /// Period of updates of a file's times, which keep its last use across restarts.
 constexpr TimeUs kTouchUs = 60'000'000;
 
@@ -60,39 +61,6 @@ Result<FileHandle> locked(const std::string& data_dir) {
     return fail(ErrorCode::kRefused, data_dir + " is in use by another broker: stop it, or choose another --data-dir");
   }
   return lock;
-}
-
-constexpr std::string_view kManifestMagic = "ECASSET\n";
-
-/// The ids of chunks and sections of a manifest (docs/asset-format.md). Safe on hostile input, of which it takes none.
-std::vector<Sha256> ids_of_manifest(ByteView bytes) {
-  std::vector<Sha256> ids;
-  ByteReader in(bytes);
-  const auto take_id = [&](std::size_t bytes_before) {
-    in.bytes(bytes_before);
-    const ByteView digest = in.bytes(sizeof(Sha256::digest));
-    std::copy(digest.begin(), digest.end(), ids.emplace_back().digest.begin());
-  };
-  in.bytes(kManifestMagic.size());
-  const std::uint32_t version = in.u32();
-  in.u32();  // Vertices.
-  const std::size_t rank = in.u32();
-  in.u64();  // Those of the base; faces.
-  const std::size_t exact = in.u32();
-  if (version != 1 || rank > 4096 || exact > rank) return {};
-  in.bytes(in.u8() * std::size_t{4});  // Bands.
-  in.bytes(2 + 11 * sizeof(double));   // Axes, metres, area, box, origin.
-  in.bytes(in.u8());                   // Kind.
-  in.bytes(in.u16());                  // Name.
-  in.bytes(3 * sizeof(double) * rank + sizeof(float) * (rank - exact));
-  const std::uint32_t chunks = in.u32();
-  if (chunks > 4096) return {};
-  for (std::uint32_t left = chunks; left > 0 && !in.failed(); --left) {
-    take_id(8);
-    in.bytes(in.u8() * std::size_t{44});  // Tiles.
-  }
-  for (std::uint32_t left = in.u16(); left > 0 && !in.failed(); --left) take_id(11);
-  return in.finished() ? ids : std::vector<Sha256>();
 }
 
 }  // namespace
@@ -296,14 +264,13 @@ Result<std::vector<Sha256>> AssetStore::references_of(const Sha256& id) const {
   std::vector<Sha256> found;
   const auto object = read(id);
   if (!object) return object.error();
-  std::array<char, kManifestMagic.size()> magic{};
+  std::array<std::uint8_t, kManifestMagic.size()> magic{};
   const bool is_read = ::pread(object->file.get(), magic.data(), magic.size(), 0) == ssize_t{magic.size()};
-  if (!is_read || std::string_view(magic.data(), magic.size()) != kManifestMagic || object->size > kMaxListBytes)
-    return found;
+  if (!is_read || magic != kManifestMagic || object->size > asset_limits::kMaxManifestBytes) return found;
   const auto content = bytes_of(id);
   if (!content) return content.error();
   std::unordered_set<Sha256, IdHash> seen;
-  for (const Sha256& part : ids_of_manifest(*content)) {
+  for (const Sha256& part : objects_of_manifest(*content)) {
     const std::lock_guard lock(mutex_);
     const auto entry = entries_.find(part);
     if (entry == entries_.end() || !seen.insert(part).second) continue;

@@ -54,9 +54,9 @@ class AssetStore final : public StreamTap {
   /// A client that objects are charged to.
   struct Holder {
     std::string name;
-    std::uint64_t bytes = 0, objects = 0;  ///< As charged, uploads under way included.
-    double load = 0;                       ///< What part of the store that is.
-    std::list<Sha256> order{};             ///< By last use, oldest first.
+    std::uint64_t bytes = 0, objects = 0;                         ///< As charged, uploads under way included.
+    double load = 0;                                              ///< What part of the store that is.
+    std::list<Sha256> order{};                                    ///< By last use, oldest first.
     bool is_over() const { return !name.empty() && load > 0.5; }  ///< Beyond its share.
   };
 
@@ -112,8 +112,8 @@ class AssetStore final : public StreamTap {
 
   /// Errors: kNotFound, kIo.
   Result<Bytes> bytes_of(const Sha256& id) const;
-  /// The stored objects that object `id` lists, once each, in its order, if it is a manifest of 4 MiB at most. A use of
-  /// them. Errors: kNotFound, kIo.
+  /// The stored objects that object `id` lists, once each, in its order, if it is a manifest. A use of them. Errors:
+  /// kNotFound, kIo.
   Result<std::vector<Sha256>> references_of(const Sha256& id) const;
   /// Reads what streams use, each asset three times in min_idle_us, or once it is announced: a use of what it lists.
   /// What streams may have begun to use since is not evicted as idle: call it every second, on one thread that nobody

@@ -12,7 +12,6 @@
 namespace eigencast {
 namespace {
 
-constexpr std::array<std::uint8_t, 8> kMagic = {'E', 'C', 'A', 'S', 'S', 'E', 'T', '\n'};
 constexpr std::uint32_t kVersion = 1;
 constexpr std::size_t kMinChunkEntryBytes = 4 + 4 + 32 + 1;
 constexpr std::size_t kTileEntryBytes = 4 + 4 + 4 + 32;
@@ -51,8 +50,8 @@ class Parser {
 
  private:
   Result<void> header() {
-    const ByteView magic = in_.bytes(kMagic.size());
-    if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end()))
+    const ByteView magic = in_.bytes(kManifestMagic.size());
+    if (!std::equal(magic.begin(), magic.end(), kManifestMagic.begin(), kManifestMagic.end()))
       return corrupt_manifest("not one: its magic bytes are missing");
     const std::uint32_t version = in_.u32();
     if (version == 0) return corrupt_manifest("version 0 does not exist");
@@ -302,7 +301,7 @@ Bytes write_manifest(const Manifest& manifest) {
   Bytes bytes;
   ByteWriter out(bytes);
   const AssetFacts& a = manifest.facts;
-  out.bytes(kMagic);
+  out.bytes(kManifestMagic);
   for (const std::uint32_t v : {kVersion, a.vertex_count, a.rank, a.base_count, a.face_total, manifest.exact_columns})
     out.u32(v);
   out.u8(static_cast<std::uint8_t>(a.band_ends.size()));
@@ -336,6 +335,37 @@ Result<Manifest> read_manifest(ByteView bytes) {
   if (bytes.size() > asset_limits::kMaxManifestBytes)
     return too_large_in_manifest("its size", bytes.size(), asset_limits::kMaxManifestBytes);
   return Parser(bytes).parse();
+}
+
+std::vector<Sha256> objects_of_manifest(ByteView bytes) {
+  std::vector<Sha256> ids;
+  ByteReader in(bytes);
+  in.bytes(kManifestMagic.size());
+  const std::uint32_t version = in.u32();
+  in.u32();  // Vertices.
+  const std::size_t rank = in.u32();
+  in.u64();  // Those of the base; faces.
+  const std::size_t exact = in.u32();
+  if (version != kVersion || rank > asset_limits::kMaxRank || exact > rank) return {};
+  in.bytes(in.u8() * sizeof(std::uint32_t));  // Bands.
+  in.bytes(2 + 11 * sizeof(double));          // Axes, metres, area, box, origin.
+  in.bytes(in.u8());                          // Kind.
+  in.bytes(in.u16());                         // Name.
+  in.bytes(3 * sizeof(double) * rank + sizeof(float) * (rank - exact));
+  const std::uint32_t chunks = in.u32();
+  if (chunks > asset_limits::kMaxChunks) return {};
+  for (std::uint32_t left = chunks; left > 0 && !in.failed(); --left) {
+    in.u64();  // Rows, faces.
+    ids.push_back(get_digest(in));
+    in.bytes(in.u8() * kTileEntryBytes);
+  }
+  const std::uint32_t sections = in.u16();
+  if (sections > asset_limits::kMaxSections) return {};
+  for (std::uint32_t left = sections; left > 0 && !in.failed(); --left) {
+    in.bytes(kSectionEntryBytes - sizeof(Sha256::digest));
+    ids.push_back(get_digest(in));
+  }
+  return in.finished() ? ids : std::vector<Sha256>();
 }
 
 std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows) {

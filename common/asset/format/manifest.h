@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -11,6 +12,8 @@
 #include "common/core/result.h"
 
 namespace eigencast {
+
+inline constexpr std::array<std::uint8_t, 8> kManifestMagic = {'E', 'C', 'A', 'S', 'S', 'E', 'T', '\n'};
 
 /// What a tile of a chunk holds. Values are on the wire; docs/asset-format.md lists the reserved ones.
 enum class TileKind : std::uint8_t {
@@ -67,6 +70,10 @@ Bytes write_manifest(const Manifest& manifest);
 /// faces in order, the tiles of each chunk being structure, every band in order, then optional ones. Errors: kCorrupt,
 /// kIncompatibleVersion, kTooLarge, kUnsupported (a required tile or section of unknown kind).
 Result<Manifest> read_manifest(ByteView bytes);
+
+/// The ids of the chunks and sections of a manifest, whether this build knows their kinds or not; none if it is damaged
+/// or of another version. Safe on hostile input.
+std::vector<Sha256> objects_of_manifest(ByteView bytes);
 
 /// Bytes of band `band` of `rows` rows, decompressed.
 std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows);

@@ -82,6 +82,20 @@ void expect_error_or_sound(const EncodedAsset& encoded, int& errors) {
   }
 }
 
+TEST(AssetHostile, ObjectsOfAManifestAreItsChunksAndSections) {
+  for (const bool cloud : {false, true}) {
+    const EncodedAsset encoded = with_manifest(sample(true, cloud), [](Manifest& m) {
+      m.sections.push_back({99, true, 1000, sha256(Bytes{1})});  // Of a later build.
+      m.chunks[0].tiles.back().kind = 200;
+    });
+    ASSERT_FALSE(read_manifest(encoded.manifest.bytes)) << "this build cannot show it";
+    std::vector<Sha256> expected;
+    for (const auto& chunk : encoded.chunks) expected.push_back(chunk.id);
+    expected.push_back(sha256(Bytes{1}));
+    EXPECT_EQ(objects_of_manifest(encoded.manifest.bytes), expected);
+  }
+}
+
 TEST(AssetHostile, EveryTruncationOfTheManifestIsAnError) {
   const Bytes whole = sample().manifest.bytes;
   for (std::size_t size = 0; size < whole.size(); ++size) {
@@ -89,10 +103,12 @@ TEST(AssetHostile, EveryTruncationOfTheManifestIsAnError) {
     const auto reader = reader_of(part);
     ASSERT_FALSE(reader) << size;
     EXPECT_EQ(reader.error().code, ErrorCode::kCorrupt) << size << ": " << reader.error().message;
+    EXPECT_TRUE(objects_of_manifest(part).empty()) << size;
   }
   Bytes longer = whole;
   longer.push_back(0);
   EXPECT_FALSE(reader_of(longer));
+  EXPECT_TRUE(objects_of_manifest(longer).empty());
 }
 
 TEST(AssetHostile, EveryFlippedBitIsCaughtByTheHashes) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tests/unit/broker/support.h"
 
+#include "common/asset/format/manifest.h"
+
 namespace eigencast::broker::testing {
 
 CoefficientLayout small_layout() {
@@ -36,19 +38,9 @@ Bytes large_message(std::uint64_t sequence, TimeUs capture_us) {
 }
 
 Bytes manifest_of(const std::vector<Sha256>& chunks) {
-  Bytes manifest;
-  ByteWriter out(manifest);
-  out.text("ECASSET\n");
-  for (const std::uint32_t number : {1u, 1u, 0u, 1u, 0u, 0u}) out.u32(number);
-  out.bytes(Bytes(1 + 2 + 88 + 1 + 2));  // No bands, no names.
-  out.u32(static_cast<std::uint32_t>(chunks.size()));
-  for (const Sha256& chunk : chunks) {
-    out.u64(0);
-    out.bytes(chunk.digest);
-    out.u8(0);
-  }
-  out.u16(0);
-  return manifest;
+  Manifest manifest;
+  for (const Sha256& chunk : chunks) manifest.chunks.emplace_back().id = chunk;
+  return write_manifest(manifest);
 }
 
 Key key_number(int i) {
