@@ -80,6 +80,10 @@ std::string IpAddress::text() const {
 }
 
 std::string IpAddress::limit_key() const {
+  return is_v4() ? text() : ip::network_v6(ip::address_v6(bytes), 64).canonical().to_string();
+}
+
+std::string IpAddress::site_key() const {
   return is_v4() ? text() : ip::network_v6(ip::address_v6(bytes), 48).canonical().to_string();
 }
 

@@ -108,8 +108,11 @@ Grant::Grant(Gate& gate, Identity identity, const IpAddress& peer, std::shared_p
              TimeUs now_us)
     : gate_(gate), identity_(std::move(identity)), spared_(policy->is_own_machine(peer)), policy_(std::move(policy)) {
   holders_.reserve(identity_.key.empty() ? 1 : 2);
-  holders_.push_back({gate_.addresses_.account(identity_.client.address.limit_key(), now_us), false});
+  const IpAddress& address = identity_.client.address;
+  holders_.push_back({gate_.addresses_.account(address.limit_key(), now_us), false});
   if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(identity_.key, now_us), true});
+  site_ = holders_.back().account;
+  if (identity_.key.empty() && !address.is_v4()) site_ = gate_.addresses_.account(address.site_key(), now_us);
 }
 
 Grant::~Grant() {
@@ -182,6 +185,7 @@ Result<void> Grant::take(Resource resource) {
     if (i > 0) holders_[0].account->resources[index].give_back();
     return over(holders_[i], kResourceNames[index], max);
   }
+  if (has_site()) site_->resources[index].add(1);
   ++taken_[index];
   return {};
 }
@@ -194,12 +198,13 @@ void Grant::count(Resource resource, std::int64_t amount) {
   const auto index = static_cast<std::size_t>(resource);
   taken_[index] += amount;
   for (Holder& holder : holders_) holder.account->resources[index].add(amount);
+  if (has_site()) site_->resources[index].add(amount);
 }
 
 Result<void> Grant::take_share(Resource resource, std::int64_t max, std::int64_t used) {
   if (auto taken = take(resource); !taken) return taken;
   const auto index = static_cast<std::size_t>(resource);
-  const std::int64_t own = holders_.back().account->resources[index].count();
+  const std::int64_t own = site_->resources[index].count();
   if (own <= share_of(max, used, own - 1, spared_)) return {};
   give_back(resource);
   return too_few_free(("max_" + std::string(kResourceNames[index])).c_str(), max);
@@ -229,21 +234,23 @@ Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
   const auto amount = static_cast<std::int64_t>(bytes);
   const std::int64_t quota = policy_->quota(holder.is_token).unfinished_bytes;
   const std::int64_t max = policy_->max_unfinished_bytes();
-  UseCount& own = holder.account->unfinished_bytes;
-  const std::int64_t share = share_of(max, gate_.unfinished_bytes_.count(), own.count());
-  if (!own.take(std::min(quota, share), amount)) {
-    return quota <= share ? over(holder, "unfinished_bytes", quota) : too_few_free("max_unfinished_bytes", max);
-  }
+  const std::int64_t own = site_->unfinished_bytes.count();
+  if (own + amount > share_of(max, gate_.unfinished_bytes_.count(), own))
+    return too_few_free("max_unfinished_bytes", max);
+  if (!holder.account->unfinished_bytes.take(quota, amount)) return over(holder, "unfinished_bytes", quota);
+  if (has_site()) site_->unfinished_bytes.add(amount);
   gate_.unfinished_bytes_.add(amount);
-  const auto give_back = [account = holder.account, amount, &all = gate_.unfinished_bytes_](void*) {
+  const auto give_back = [account = holder.account, site = has_site() ? site_ : nullptr, amount,
+                          &all = gate_.unfinished_bytes_](void*) {
     account->unfinished_bytes.give_back(amount);
+    if (site) site->unfinished_bytes.give_back(amount);
     all.give_back(amount);
   };
   return std::shared_ptr<void>(holder.account.get(), give_back);
 }
 
 std::string Grant::holder() const {
-  return identity_.key.empty() ? "address " + identity_.client.address.limit_key() : identity_.key;
+  return identity_.key.empty() ? "address " + identity_.client.address.site_key() : identity_.key;
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {

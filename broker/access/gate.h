@@ -134,6 +134,7 @@ class Grant {
   std::optional<TimeUs> take_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
   /// The same for poses between keys that it watches, apart, once they are made: false: the next one has to wait.
   bool charge_poses(double work_us, TimeUs now_us);
+  const void* purse() const { return holders_.back().account.get(); }  ///< The same for all who share these budgets.
   /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted
   /// proxies have no limit.
   std::optional<TimeUs> take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
@@ -168,7 +169,11 @@ class Grant {
   Identity identity_;
   bool spared_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< The policy that admitted or last confirmed it.
+  /// Not the account of holders_.back(): an IPv6 address without a token counts towards its site's shares, too.
+  bool has_site() const { return site_ != holders_.back().account; }
+
   std::vector<Holder> holders_;
+  std::shared_ptr<Account> site_;  ///< Whose share_of() what all need it takes.
   std::array<std::int64_t, kResources> taken_{};
 };
 using GrantPtr = std::shared_ptr<Grant>;

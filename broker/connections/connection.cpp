@@ -129,10 +129,16 @@ void Connection::on_readable() {
   for (int i = 0; i < kMaxReads; ++i) {
     const std::span<std::uint8_t> buffer = std::span(context_.read_buffer).first(read_bytes());
     const Transport::Outcome outcome = transport_.read(buffer);
+    const auto records = static_cast<double>(transport_.take_records());
     if (outcome.error) return close_now();
-    if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
+    if (outcome.wait != Transport::Wait::kNo) {
+      unpaid_us_ = kReadUs * records;
+      if (unpaid_us_ > 0) pay(0);
+      return paused_ ? void() : wait_to_read(outcome.wait);
+    }
     last_input_us_ = context_.turn.now_us();
     pinged_ = false;
+    if (records > 1) charge(kReadUs * (records - 1));
     unpaid_us_ = kReadUs;  // Included in the cost of a frame that begins.
     if (!take_input(buffer.first(outcome.bytes))) return;
     if (unpaid_us_ > 0) pay(0);

@@ -22,6 +22,8 @@ namespace http = beast::http;
 constexpr std::size_t kMaxHeadBytes = 16 * 1024;
 /// A buffer that has grown twofold, and the fields.
 constexpr std::size_t kLargeHeadBytes = 3 * kMaxHeadBytes;
+/// What OpenSSL allocates for a ClientHello once its header says that it is as long as can be.
+constexpr std::size_t kHandshakeBytes = 160 * 1024;
 constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
 constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
@@ -197,6 +199,7 @@ void HttpConnection::start() {
 void HttpConnection::shake_hands() {
   const Transport::Outcome outcome = transport_.shake_hands();
   if (outcome.wait != Transport::Wait::kNo) {
+    if (transport_.has_begun() && !unfinished_ && !store(unfinished_, hold_bytes(kHandshakeBytes))) return close();
     return transport_.async_wait(outcome.wait, [self = shared_from_this()](ErrorOf error) {
       const auto go_on = [self](ErrorOf ended) { ended ? self->close() : self->shake_hands(); };
       if (Timer* const pace = error ? nullptr : self->pace()) return pace->async_wait(go_on);
@@ -210,7 +213,7 @@ void HttpConnection::shake_hands() {
 }
 
 Timer* HttpConnection::pace() {
-  const TimeUs wait_us = read_wait_us();
+  const TimeUs wait_us = read_wait_us(std::max<std::size_t>(transport_.take_records(), 1));
   if (wait_us <= 0) return nullptr;
   pace_ = std::make_unique<Timer>(context_.loop.get_executor(), std::chrono::microseconds(wait_us));
   return pace_.get();
@@ -223,7 +226,7 @@ void HttpConnection::read_head() {
   parser.on_chunk_header(wire_->on_chunk);
   wire_->head_bytes = 0;
   wire_->chunks = 0;
-  large_head_.reset();
+  unfinished_.reset();
   if (wire_->buffer.capacity() > Grant::kFreeBytes) wire_->buffer.shrink_to_fit();
   wire_->buffer.max_size(Grant::kFreeBytes);
   arm(limits().head_ms);
@@ -239,8 +242,8 @@ void HttpConnection::read_more_head() {
 }
 
 void HttpConnection::on_head_read(ErrorOf error) {
-  if (error == http::error::buffer_overflow && !large_head_) {
-    if (const auto held = store(large_head_, hold_bytes(kLargeHeadBytes)); !held) {
+  if (error == http::error::buffer_overflow && !unfinished_) {
+    if (const auto held = store(unfinished_, hold_bytes(kLargeHeadBytes)); !held) {
       return answer_limit(held.error().message);
     }
     wire_->buffer.max_size(kMaxReadBytes);

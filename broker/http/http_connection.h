@@ -127,8 +127,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   virtual void on_head() = 0;
   /// How long a TLS handshake has to wait; nothing: none is made.
   virtual std::optional<TimeUs> handshake_wait_us() { return 0; }
-  /// Takes what a read costs from the budget; how long the next has to wait.
-  virtual TimeUs read_wait_us() { return 0; }
+  /// Takes what reads cost from the budget; how long the next has to wait.
+  virtual TimeUs read_wait_us(std::size_t /*reads*/) { return 0; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
   virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
@@ -163,7 +163,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Timer timer_;
   std::unique_ptr<Timer> pace_;
   std::unique_ptr<Wire> wire_;
-  std::shared_ptr<void> large_head_;  ///< Counts its memory.
+  std::shared_ptr<void> unfinished_;  ///< Counts its memory.
   IpAddress peer_;
   std::vector<std::uint8_t> drained_;
 };

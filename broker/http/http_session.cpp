@@ -25,7 +25,6 @@ constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
 constexpr double kHeadBytesPerUs = 64;
-constexpr double kHandshakeUs = 300;  ///< With X25519; 380 with RSA of 2048 bits.
 constexpr TimeUs kMaxReadWaitUs = 2'000'000;
 constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
 constexpr int kMaxRequestWaitS = 5;
@@ -67,14 +66,14 @@ class HttpSession final : public HttpConnection {
   }
 
   std::optional<TimeUs> handshake_wait_us() override {
-    return grant_->take_http_work(kHandshakeUs, steady_now_us(), limits().head_ms * 1000);
+    return grant_->take_http_work(transport().handshake_us(), steady_now_us(), limits().head_ms * 1000);
   }
 
-  TimeUs read_wait_us() override {
+  TimeUs read_wait_us(std::size_t reads) override {
     const auto taken = [this](double work_us) {
       return grant_->take_http_work(work_us, steady_now_us(), kMaxReadWaitUs).value_or(kMaxReadWaitUs);
     };
-    return taken(kReadUs) > 0 ? taken(kPauseUs) : 0;
+    return taken(kReadUs * static_cast<double>(reads)) > 0 ? taken(kPauseUs) : 0;
   }
 
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
@@ -100,8 +99,8 @@ class HttpSession final : public HttpConnection {
     const auto payer = task.admitted ? grant_ : context().gate.stranger(access_request({}), now_us);
     const auto head = static_cast<double>(head_bytes());
     const TimeUs wait_us = *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs);
-    const auto head_wait_us = payer->take_http_work(head > Grant::kFreeBytes ? head / kHeadBytesPerUs : 0, now_us,
-                                                    kMaxRequestWaitUs);
+    const auto head_wait_us =
+        payer->take_http_work(head > Grant::kFreeBytes ? head / kHeadBytesPerUs : 0, now_us, kMaxRequestWaitUs);
     const auto holder_wait_us = payer->take_request(task.listing, now_us, kMaxRequestWaitUs);
     if (!head_wait_us || !holder_wait_us) {
       const std::string why = holder_wait_us ? "long requests are over work_us_per_s" : holder_wait_us.error().message;

@@ -301,7 +301,7 @@ class AdminSession final : public HttpConnection {
 }  // namespace
 
 void serve_admin(Context& context, Socket socket, Shares& open) {
-  const std::string peer = peer_of(socket).limit_key();
+  const std::string peer = peer_of(socket).site_key();
   if (!open.fits(peer, 1, kMaxConnections)) {
     return turn_away(context, Transport(std::move(socket)), {429, "too many connections of the admin port", 1});
   }

@@ -2,6 +2,7 @@
 #include "broker/sockets/transport.h"
 
 #include <openssl/err.h>
+#include <openssl/evp.h>
 #include <openssl/ssl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -20,13 +21,23 @@ constexpr std::size_t kRecordBytes = 16 * 1024;  // Payload of one TLS record.
 /// A handshake takes six; each further one, a new key, stands for 2^24 records (RFC 8446, 5.5), and takes 40 us.
 constexpr std::uintptr_t kMaxHandshakeMessages = 64;
 
-/// Counts the peer's handshake messages, and refusals of them, in the connection's application data. Too many are its
-/// end, also of the SSL_read that works through them.
-void count_handshakes(int is_sent, int, int type, const void*, std::size_t, SSL* tls, void*) {
-  if (type != (is_sent != 0 ? SSL3_RT_ALERT : SSL3_RT_HANDSHAKE)) return;
-  const auto count = reinterpret_cast<std::uintptr_t>(SSL_get_app_data(tls)) + 1;
-  SSL_set_app_data(tls, reinterpret_cast<void*>(count));
-  if (count > kMaxHandshakeMessages) SSL_set_shutdown(tls, SSL_RECEIVED_SHUTDOWN);
+/// In the application data of a connection: its lowest byte counts the peer's handshake messages, refusals of them, and
+/// records of the first handshake; above it are the peer's records since they were taken.
+constexpr std::uintptr_t kRecord = 256;
+
+std::uintptr_t counts_of(const SSL* tls) {
+  return reinterpret_cast<std::uintptr_t>(SSL_get_app_data(tls));
+}
+
+/// Too many handshake messages are the connection's end, also of the SSL_accept or SSL_read that works through them.
+void count_records(int is_sent, int, int type, const void*, std::size_t, SSL* tls, void*) {
+  const bool is_record = is_sent == 0 && type == SSL3_RT_HEADER;
+  const bool is_handshake =
+      type == (is_sent != 0 ? SSL3_RT_ALERT : SSL3_RT_HANDSHAKE) || (is_record && SSL_in_init(tls) != 0);
+  std::uintptr_t counts = counts_of(tls) + (is_record ? kRecord : 0);
+  if (is_handshake && counts % kRecord <= kMaxHandshakeMessages) ++counts;
+  SSL_set_app_data(tls, reinterpret_cast<void*>(counts));
+  if (counts % kRecord > kMaxHandshakeMessages) SSL_set_shutdown(tls, SSL_RECEIVED_SHUTDOWN);
 }
 
 /// The first bytes of all pieces in one span; copies only if there are several pieces.
@@ -64,7 +75,7 @@ Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
   SSL_set_mode(tls_.get(),
                SSL_MODE_RELEASE_BUFFERS | SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER);
   SSL_clear_mode(tls_.get(), SSL_MODE_AUTO_RETRY);  // Records without data must not hold up the loop.
-  SSL_set_msg_callback(tls_.get(), count_handshakes);
+  SSL_set_msg_callback(tls_.get(), count_records);
   SSL_set_accept_state(tls_.get());
 }
 
@@ -99,6 +110,27 @@ Transport::Outcome Transport::shake_hands() {
   Outcome outcome = tls_outcome(SSL_accept(tls_.get()));
   outcome.bytes = 0;
   return outcome;
+}
+
+double Transport::handshake_us() const {
+  constexpr double kExchangeUs = 300, kRsa2048Us = 380, kLargeCurveUs = 1500;
+  EVP_PKEY* const key = tls_ ? SSL_get_privatekey(tls_.get()) : nullptr;
+  if (key == nullptr) return kExchangeUs;
+  const int bits = EVP_PKEY_get_bits(key);
+  if (EVP_PKEY_is_a(key, "EC") != 0 || bits <= 512) return kExchangeUs + (bits > 256 ? kLargeCurveUs : 0);
+  const double size = bits / 2048.0;
+  return kExchangeUs + kRsa2048Us * size * size * size;
+}
+
+bool Transport::has_begun() const {
+  return tls_ && counts_of(tls_.get()) % kRecord > 0;
+}
+
+std::size_t Transport::take_records() {
+  if (!tls_) return 0;
+  const std::uintptr_t counts = counts_of(tls_.get());
+  SSL_set_app_data(tls_.get(), reinterpret_cast<void*>(counts % kRecord));
+  return counts / kRecord;
 }
 
 Transport::Outcome Transport::read(std::span<std::uint8_t> into) {

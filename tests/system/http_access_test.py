@@ -146,6 +146,14 @@ def flap(port, streams, subject=None):
         sender.sock.close()
 
 
+@contextlib.contextmanager
+def takes_at_least(test, seconds, why):
+    """By a budget: on no machine it is sooner."""
+    started = time.monotonic()
+    yield
+    test.assertGreater(time.monotonic() - started, seconds, why)
+
+
 class HttpAccess(unittest.TestCase):
     def start(self, *flags):
         self.broker = Broker(BROKER, *flags)
@@ -659,6 +667,26 @@ class HttpAccess(unittest.TestCase):
                 upload.sendall(2_000_000 * b"1\r\nx\r\n")
         self.assertEqual(ask(data, "GET", "/v1/streams", source="127.0.0.2")[0], 200, "others go on")
 
+    def test_pings_are_paced_by_what_their_answers_cost(self):
+        data, _ = self.start("--per-address-work-us-per-s=1000", "--limits-control-messages-per-s=100000")
+        peer = connect(data, "/v1/subscribe")
+        with takes_at_least(self, 1.5, "600 of 4 us"):
+            for i in range(600):
+                order(peer, "ping", id=i, time_us=1)
+            for i in range(600):
+                self.assertEqual(hear(peer, "pong")["id"], i)
+
+    def test_announcements_are_paced_by_the_viewers_who_are_told(self):
+        data, _ = self.start_with_asset("--per-token-work-us-per-s=1000")
+        sender, _ = announce(data, "a", "camera")
+        self.viewers = [connect(data, "/v1/subscribe/a") for _ in range(30)]
+        for viewer in self.viewers:
+            hear(viewer, "stream")
+        with takes_at_least(self, 2, "10 of 100 us, and 10 us a viewer"):
+            for _ in range(10):
+                sender.send(frame(TEXT, payloads.announce(payloads.asset()[1], 4, "float32").encode()))
+                self.assertEqual(hear(sender, "announced", "error")["op"], "announced")
+
     def test_flapping_senders_evict_their_own_poses(self):
         data, _ = self.start_with_asset("--limits-max-streams=8")
         flap(data, ["kept"], "camera")
@@ -894,6 +922,45 @@ class Files(unittest.TestCase):
             self.assertLess(answered, 50, "five a second")
             with socket.create_connection(("127.0.0.1", broker.port), timeout=60, source_address=("127.0.0.2", 0)) as other:
                 context.wrap_socket(other).close()
+
+    def test_a_hello_in_many_records_ends_the_connection(self):
+        certificate, key = self.certificate("rsa:2048")
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        sent, hello = ssl.MemoryBIO(), ssl.MemoryBIO()
+        with contextlib.suppress(ssl.SSLWantReadError):
+            context.wrap_bio(sent, hello).do_handshake()
+        hello = hello.read()[5:]
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
+            for size, good in ((100, True), (1, False)):
+                with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
+                    pieces = [hello[i:i + size] for i in range(0, len(hello), size)]
+                    answer = b""
+                    with contextlib.suppress(ConnectionError):
+                        sock.sendall(b"".join(struct.pack(">BHH", 22, 0x301, len(piece)) + piece for piece in pieces))
+                        answer = sock.recv(1)
+                    self.assertEqual(answer == bytes([22]), good, f"{len(pieces)} records")
+
+    def test_records_of_one_byte_are_paced_by_their_number(self):
+        certificate, key = self.certificate("rsa:2048")
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-work-us-per-s=1000") as broker:
+            with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock, context.wrap_socket(sock) as tls:
+                with takes_at_least(self, 1, "100 reads of 3 us, pauses of 20 us"):
+                    for byte in b"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nX: " + 50 * b"x" + b"\r\n\r\n":
+                        tls.send(bytes([byte]))
+                    self.assertIn(b" 200 ", tls.recv(100))
+
+    def test_handshakes_cost_what_their_key_takes(self):
+        certificate, key = self.certificate("rsa:3072")
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-work-us-per-s=1000") as broker:
+            with takes_at_least(self, 2, "two before the third, each 1.5 ms or more"):
+                for _ in range(3):
+                    with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
+                        context.wrap_socket(sock).close()
 
     def test_renewed_keys_end_a_connection(self):
         certificate, key = self.certificate("rsa:2048")

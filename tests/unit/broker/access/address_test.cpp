@@ -35,10 +35,13 @@ TEST(IpAddressTest, TextRoundTrips) {
   EXPECT_FALSE(ip("::").is_loopback());
 }
 
-TEST(IpAddressTest, Ipv6LimitKeyIsTheNetwork) {
-  EXPECT_EQ(ip("2001:db8:1:2:3:4:5:6").limit_key(), ip("2001:db8:1:ffff::").limit_key());
-  EXPECT_NE(ip("2001:db8:1:2::").limit_key(), ip("2001:db8:2:2::").limit_key());
+TEST(IpAddressTest, Ipv6KeysAreThoseOfTheNetworkAndTheSite) {
+  EXPECT_EQ(ip("2001:db8:1:2:3:4:5:6").limit_key(), ip("2001:db8:1:2:ffff::").limit_key());
+  EXPECT_NE(ip("2001:db8:1:2::").limit_key(), ip("2001:db8:1:3::").limit_key());
+  EXPECT_EQ(ip("2001:db8:1:2:3:4:5:6").site_key(), ip("2001:db8:1:ffff::").site_key());
+  EXPECT_NE(ip("2001:db8:1:2::").site_key(), ip("2001:db8:2:2::").site_key());
   EXPECT_NE(ip("1.2.3.4").limit_key(), ip("1.2.3.5").limit_key());
+  EXPECT_EQ(ip("1.2.3.4").site_key(), ip("1.2.3.4").limit_key());
 }
 
 TEST(IpRangeTest, PrefixesOfEveryLengthMatch) {

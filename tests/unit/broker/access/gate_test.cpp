@@ -231,6 +231,9 @@ TEST_F(GateTest, FailuresThrottleOnlyTheirAddress) {
   const std::string good = token_for("a", {}, {"**"});
   EXPECT_EQ(turned_away(request_from("8.8.8.8", good)).status, 429) << "else a right guess would stand out";
   EXPECT_TRUE(let_in(request_from("8.8.8.9", good)));
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(turned_away(request_from("2001:db8:1:1::1", "a.b.c")).status, 401);
+  EXPECT_EQ(turned_away(request_from("2001:db8:1:1::2", good)).status, 429);
+  EXPECT_TRUE(let_in(request_from("2001:db8:1:2::1", good))) << "a neighbour of the same site";
   EXPECT_TRUE(let_in(request_from("8.8.8.8", good), 11 * kSecond));
   EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 401);
   EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 429);
@@ -301,6 +304,9 @@ TEST_F(GateTest, OneAddressLeavesPlacesOfConnectionsToOthers) {
   const auto second = hoard(gate(), "9.9.9.9", 40);
   EXPECT_EQ(second.size(), 32u);
   EXPECT_EQ(hoard(gate(), "2001:db8::1", 199).size(), 1u) << "a newcomer, as long as there is room";
+  const auto network = hoard(gate(), "2001:db8:5:1::1", 72);
+  EXPECT_EQ(network.size(), 25u);
+  EXPECT_EQ(hoard(gate(), "2001:db8:5:2::1", 97).size(), 0u) << "another of its site";
   EXPECT_EQ(std::get<Denial>(gate().accept(IpAddress::from_text("1.1.1.1").value(), 200, 0)).status, 503);
   EXPECT_EQ(hoard(gate(), "127.0.0.1").size(), 188u) << "this machine leaves a sixteenth";
   EXPECT_EQ(hoard(gate(), "10.0.0.1").size(), 200u) << "a proxy carries many";
