@@ -48,10 +48,9 @@ Result<void> Hub::hold_keys(Stream& stream, const StreamHolder& holder, const St
   own.memory.reset();
   Shares& keys = settings_.stream.memory->keys;
   bool fits = keys.fits(payer, bytes, max);
-  // Its holder's own poses make room first, then those of others that leave it less than its share.
-  while (!fits && (make_room(holder, true) || (keys.fits(payer, bytes, max, true) && make_room(holder, false)))) {
-    fits = keys.fits(payer, bytes, max);
-  }
+  // Its holder's own poses make room first, then those of who has as much, if they are enough.
+  while (!fits && make_room(holder, true)) fits = keys.fits(payer, bytes, max);
+  if (!fits) fits = make_room_of_keys(holder, payer, bytes);
   if (fits) own = {payer, bytes, nullptr};
   if (own.bytes > 0) own.memory = keys.hold(own.payer, own.bytes);
   if (fits) return {};
@@ -160,6 +159,32 @@ bool Hub::make_room(const StreamHolder& holder, bool own) {
   if (first == idle.end()) return false;
   forget(streams_.find((*first)->name()));
   return true;
+}
+
+/// Removes streams without publisher and watchers of those who have at least as much memory for keys as `payer` with
+/// `bytes` more, of those with most first; false: all of them are not enough, and none was removed.
+bool Hub::make_room_of_keys(const StreamHolder& holder, const std::string& payer, std::int64_t bytes) {
+  const Shares& keys = settings_.stream.memory->keys;
+  const std::int64_t most = keys.held(payer) + bytes;
+  std::int64_t freed = 0;
+  std::vector<std::pair<std::int64_t, const Stream*>> idle;
+  for (const auto& [name, stream] : streams_) {
+    if (!stream->charge_ || !is_idle(*stream) || (holder.stranger && !stream->holder_.stranger)) continue;
+    const std::int64_t held = keys.held(stream->keys_.payer);
+    if (stream->keys_.payer == payer || held < most) continue;
+    freed += stream->keys_.bytes;
+    idle.emplace_back(-held, stream.get());
+  }
+  const std::int64_t max = settings_.stream.max_bytes;
+  if (!keys.fits(payer, bytes, max, freed)) return false;
+  std::sort(idle.begin(), idle.end(), [](const auto& a, const auto& b) {
+    return std::pair(a.first, a.second->epoch()) < std::pair(b.first, b.second->epoch());
+  });
+  for (const auto& [held, stream] : idle) {
+    if (keys.fits(payer, bytes, max)) break;
+    forget(streams_.find(stream->name()));
+  }
+  return keys.fits(payer, bytes, max);
 }
 
 }  // namespace eigencast::broker

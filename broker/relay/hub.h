@@ -60,6 +60,7 @@ class Hub {
   void schedule(Stream& stream);
   void unschedule(Stream& stream);
   bool make_room(const StreamHolder& holder, bool own);
+  bool make_room_of_keys(const StreamHolder& holder, const std::string& payer, std::int64_t bytes);
   void discharge(Stream& stream);
   void forget(std::map<std::string, std::unique_ptr<Stream>, std::less<>>::iterator stream);
 

@@ -5,11 +5,15 @@
 
 namespace eigencast::broker {
 
-bool Shares::fits(const std::string& holder, std::int64_t amount, std::int64_t max, bool alone) const {
+bool Shares::fits(const std::string& holder, std::int64_t amount, std::int64_t max, std::int64_t freed) const {
+  const std::int64_t own = held(holder);
+  return own + amount <= share_of(max, used() - freed, own, holder.empty());
+}
+
+std::int64_t Shares::held(const std::string& holder) const {
   const std::lock_guard lock(mutex_);
   const auto found = held_.find(holder);
-  const std::int64_t own = found == held_.end() ? 0 : found->second;
-  return own + amount <= share_of(max, alone ? own : used(), own, holder.empty());
+  return found == held_.end() ? 0 : found->second;
 }
 
 std::shared_ptr<void> Shares::hold(const std::string& holder, std::int64_t amount) {

@@ -16,8 +16,9 @@ class Shares {
  public:
   static constexpr std::int64_t kUnlimited = std::int64_t{1} << 62;
 
-  /// `alone`: if nobody else had any.
-  bool fits(const std::string& holder, std::int64_t amount, std::int64_t max, bool alone = false) const;
+  /// `freed`: if others had so much less.
+  bool fits(const std::string& holder, std::int64_t amount, std::int64_t max, std::int64_t freed = 0) const;
+  std::int64_t held(const std::string& holder) const;
   /// Counts until the pointer ends, even if it does not fit.
   std::shared_ptr<void> hold(const std::string& holder, std::int64_t amount);
   std::int64_t used() const { return used_.load(std::memory_order_relaxed); }

@@ -405,15 +405,28 @@ std::shared_ptr<void> Stream::forget(const Watcher& watcher) {
   auto place = std::move(found->second.place);
   watched_.erase(found);
   if (group == nullptr) return place;
-  std::erase(group->watchers, &watcher);
+  group->remove(watcher);
   if (group->watchers.empty()) groups_.erase(Profile(group->feed.profile()));
   return place;
 }
 
+/// Who pays stays the same.
+void Stream::Group::remove(const Watcher& watcher) {
+  const auto found = std::find(watchers.begin(), watchers.end(), &watcher);
+  if (static_cast<std::size_t>(found - watchers.begin()) < payer) --payer;
+  watchers.erase(found);
+}
+
 bool Stream::Group::charge_poses(double work_us) {
   if (work_us > 0) return watchers[payer % watchers.size()]->charge_poses(work_us);
-  for (std::size_t asked = 0; asked < kMaxPayersAsked; ++asked, ++payer)
-    if (watchers[payer % watchers.size()]->charge_poses(0)) return true;
+  std::vector<const void*> empty;
+  for (std::size_t left = watchers.size(); left > 0; --left, ++payer) {
+    Watcher& watcher = *watchers[payer %= watchers.size()];
+    if (std::find(empty.begin(), empty.end(), watcher.purse()) != empty.end()) continue;
+    if (empty.size() == kMaxPayersAsked) return false;
+    if (watcher.charge_poses(0)) return true;
+    empty.push_back(watcher.purse());
+  }
   return false;
 }
 

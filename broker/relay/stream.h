@@ -30,6 +30,7 @@ class Watcher {
   virtual std::string holder() const { return {}; }
   /// Counts what encoding poses for it took; false: its holder's budget for that is used up. 0: asks.
   virtual bool charge_poses(double /*work_us*/) { return true; }
+  virtual const void* purse() const { return this; }  ///< The same for all of a holder.
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
   virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) = 0;
@@ -216,6 +217,8 @@ class Stream {
   std::uint32_t watchers_here() const { return static_cast<std::uint32_t>(watched_.size()); }
   bool has_publisher() const { return publisher_ != nullptr; }
   const StreamHolder& holder() const { return holder_; }  ///< Without key: of no sender here.
+  /// Whose limits it counts towards: the holder's, or those of its sender at another broker.
+  const std::string& payer() const { return holder_.key.empty() ? keys_.payer : holder_.key; }
   std::uint64_t keys_received() const { return keys_received_; }
   std::uint64_t frames_made() const { return frames_made_; }
   /// Poses that no feed could encode.
@@ -230,9 +233,10 @@ class Stream {
     Group(const Profile& profile, const Feed::Source& source)
         : feed(profile, source, [this](double work_us) { return charge_poses(work_us); }) {}
     bool charge_poses(double work_us);
+    void remove(const Watcher& watcher);
     Feed feed;
     std::vector<Watcher*> watchers;
-    std::size_t payer = 0;          ///< Who of them, modulo their number, pays for poses while it can.
+    std::size_t payer = 0;          ///< Who of them pays for poses while it can.
     std::vector<FramePtr> pending;  ///< Made, waiting for deliver().
     std::vector<FramePtr> traced;   ///< Sent frames whose traces are due.
     std::shared_ptr<void> memory;

@@ -89,6 +89,8 @@ class FakeReceiver : public Watcher {
     return charged_us < budget_us;
   }
 
+  const void* purse() const override { return shared != nullptr ? shared : this; }
+
   virtual void on_frame(const FramePtr& frame);
   void decode(const Frame& frame);
 
@@ -98,6 +100,7 @@ class FakeReceiver : public Watcher {
   std::vector<std::string> traces;
   int undecodable = 0;
   double charged_us = 0, budget_us = 1e9;  ///< Of encoding poses.
+  const void* shared = nullptr;            ///< With others.
 
  private:
   void decode_key_frame(const Envelope& head, ByteView payload);

@@ -240,6 +240,18 @@ TEST_F(KeysTest, HeldPosesLeaveNewcomersTheirShare) {
   EXPECT_GT(hub_.size(), 10u) << "no more of them go than need to";
 }
 
+TEST_F(KeysTest, PosesOfThoseWhoHaveLessStay) {
+  for (int i = 0; i < 20; ++i)
+    ASSERT_TRUE(flap("small/" + std::to_string(i), {"holder " + std::to_string(i)}, account_));
+  std::array<FakeSender, 10> senders;
+  std::size_t announced = 0;
+  while (announce_large(senders[announced], std::to_string(announced), camera_)) ++announced;
+  EXPECT_EQ(announced, 4u);
+  EXPECT_EQ(hub_.size(), 20u + announced + 1) << "none of them made room";
+  ASSERT_TRUE(announce_large(senders[9], "other", other_));
+  EXPECT_EQ(hub_.size(), 20u + announced + 2);
+}
+
 TEST_F(KeysTest, StreamsOfOtherBrokersCount) {
   const auto hold = [this](int name, const char* broker) {
     return hub_.hold_keys(**hub_.open(std::to_string(name)), {broker}, large_announce().format);

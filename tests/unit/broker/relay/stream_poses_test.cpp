@@ -171,6 +171,27 @@ TEST_F(StreamPosesTest, PosesAreLeftOutWhereNoViewerPays) {
   }
 }
 
+TEST_F(StreamPosesTest, ViewersWhoCannotPayTakeNoPosesFromOthers) {
+  begin();
+  const Profile profile = profile_from_query("k=3").value();
+  std::vector<FakeReceiver> poor(40);
+  for (FakeReceiver& each : poor) {
+    each.budget_us = 0;
+    each.shared = &poor;
+    ASSERT_TRUE(stream_.watch(each, profile));
+  }
+  FakeReceiver rich;
+  ASSERT_TRUE(stream_.watch(rich, profile));
+  play(3);
+  rich.frames.clear();
+  for (std::size_t i = 0; i < 30; ++i) {
+    stream_.unwatch(poor[i]);
+    play(1);
+    ASSERT_TRUE(stream_.watch(poor[i], profile));
+  }
+  EXPECT_GE(rich.frames.size(), 30u * 3);
+}
+
 TEST_F(StreamPosesTest, PosesCostWhatTheyTakeWhateverTheirKeysCost) {
   LargeStream still(4096, 8, 8), moving(4096, 8, 8);
   for (LargeStream* stream : {&still, &moving}) stream->watch(profile_from_query("k=15").value());
