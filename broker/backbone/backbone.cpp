@@ -41,7 +41,7 @@ Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environ
       assets_(assets),
       environment_(std::move(environment)),
       directory_(settings_.id, environment_.now_us()),
-      following_(&settings_, link, assets, &environment_, directory_, totals_) {}
+      following_(&settings_, link, assets, &environment_, directory_, work_, totals_) {}
 
 void Backbone::start(Hub& hub) {
   hub_ = &hub;
@@ -150,7 +150,7 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   const auto name = stream_from_token(key);
   if (!name) return;
   const double work_us = 1 + static_cast<double>(text ? text->size() : 0) / kRowBytesPerUs;
-  if (!from.empty() && !directory_.take_work(from, work_us, environment_.now_us())) {
+  if (!from.empty() && !work_.take_row(from, work_us, environment_.now_us())) {
     return environment_.warn("rows of broker " + from + " are left out: they take too much computing");
   }
   if (auto taken = directory_.take(*name, text, revision, environment_.now_us(), from); !taken) {
@@ -245,6 +245,7 @@ void Backbone::try_claim(const std::string& name) {
   const Stream* stream = hub_->find(name);
   // A row is forgotten in time; what viewers here have seen is not.
   const std::uint32_t of_row = known != nullptr && known->entry ? known->entry->epoch : 0;
+  const std::string sender = stream != nullptr ? sender_of(stream->holder()) : "";
   // A row may end at kMaxForeignEpoch; one above it would be believed by nobody.
   const std::uint32_t above = std::max(of_row < kMaxForeignEpoch ? of_row : 0, stream != nullptr ? stream->epoch() : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
@@ -254,7 +255,7 @@ void Backbone::try_claim(const std::string& name) {
   if (!may_write(name)) return;
   const auto epoch = environment_.next_epoch(above);
   if (!epoch) return grant(name, epoch.error());
-  write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce, resume.issued},
+  write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce, resume.issued, sender},
         [this, name, epoch, number = found->second.number](const Result<std::uint64_t>& written) {
           const auto still = claims_.find(name);
           if (written && still != claims_.end() && still->second.number == number) grant(name, *epoch);
@@ -309,8 +310,9 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
 void Backbone::on_announced(const Stream& stream) {
   if (following_.feeds(stream.name())) return;
   note(stream.name());
-  own_[stream.name()] = {
-      {settings_.id, stream.epoch(), true, stream.announcement(), stream.resume()}, stream.layout(), nullptr, {}};
+  DirectoryEntry entry{settings_.id,          stream.epoch(),  true,
+                       stream.announcement(), stream.resume(), sender_of(stream.holder())};
+  own_[stream.name()] = {std::move(entry), stream.layout(), nullptr, {}};
 }
 
 void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {

@@ -13,6 +13,7 @@
 #include "broker/backbone/directory.h"
 #include "broker/backbone/following.h"
 #include "broker/backbone/link.h"
+#include "broker/backbone/peer_work.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
 #include "broker/relay/stream.h"
@@ -104,6 +105,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   const Environment environment_;
   Hub* hub_ = nullptr;
   Directory directory_;
+  PeerWork work_;
   Totals totals_;
   Following following_;
   bool connected_ = false, table_read_ = false, reconciling_ = false;

@@ -6,6 +6,7 @@
 
 #include "broker/config/config.h"
 #include "broker/relay/ownership.h"
+#include "common/core/hash/sha256.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
@@ -23,6 +24,12 @@ Error corrupt(const std::string& why) {
 
 }  // namespace
 
+std::string sender_of(const StreamHolder& holder) {
+  if (holder.spared || holder.key.empty()) return {};
+  const ByteView bytes{reinterpret_cast<const std::uint8_t*>(holder.key.data()), holder.key.size()};
+  return sha256(bytes).hex().substr(0, 16);
+}
+
 std::string text_from_entry(const DirectoryEntry& entry) {
   // The announcement is embedded as a control message, for its hardened parser.
   nlohmann::json json{{"owner", entry.owner},
@@ -30,6 +37,7 @@ std::string text_from_entry(const DirectoryEntry& entry) {
                       {"live", entry.live},
                       {"announce", text_from_control(entry.announce)}};
   if (!entry.resume.empty()) json["resume"] = entry.resume;
+  if (!entry.sender.empty()) json["sender"] = entry.sender;
   return json.dump();
 }
 
@@ -55,10 +63,12 @@ Result<DirectoryEntry> entry_from_text(std::string_view text) {
   if (const auto format = check_format(announced->format); !format) return corrupt(format.error().message);
   entry.announce = *announced;
   entry.announce.resume.clear();  // No broker writes one.
-  if (const auto resume = json.find("resume"); resume != json.end()) {
-    if (!resume->is_string()) return corrupt("resume");
-    entry.resume = resume->get<std::string>();
-    if (entry.resume.empty() || entry.resume.size() > kMaxProofBytes) return corrupt("resume");
+  for (const auto& [key, text_of] : {std::pair("resume", &entry.resume), std::pair("sender", &entry.sender)}) {
+    const auto found = json.find(key);
+    if (found == json.end()) continue;
+    if (!found->is_string()) return corrupt(key);
+    *text_of = found->get<std::string>();
+    if (text_of->empty() || text_of->size() > kMaxProofBytes) return corrupt(key);
   }
   return entry;
 }
@@ -192,13 +202,6 @@ void Directory::note_stopped(std::string_view broker) {
 void Directory::forget_silent(TimeUs now_us) {
   const TimeUs longest = std::max(2 * kForgetUs, heartbeat_periods() * kHeartbeatTimeoutUs);
   std::erase_if(last_heartbeat_us_, [&](const auto& item) { return now_us - item.second > longest; });
-}
-
-bool Directory::take_work(std::string_view broker, double work_us, TimeUs now_us) {
-  const std::string name(name_of_broker(broker));
-  if (work_.size() >= kMaxWorking) std::erase_if(work_, [&](const auto& item) { return item.second.is_idle(now_us); });
-  if (work_.size() >= kMaxWorking && !work_.contains(name)) return false;
-  return work_[name].take(work_us, kWorkUsPerS, kWorkUsPerS, now_us).has_value();
 }
 
 bool Directory::is_alive(std::string_view broker, TimeUs now_us) const {

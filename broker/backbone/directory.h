@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "broker/access/gate.h"
+#include "broker/relay/stream.h"
 #include "common/core/clock.h"
 #include "common/core/result.h"
 #include "common/wire/control.h"
@@ -22,8 +22,13 @@ struct DirectoryEntry {
   bool live = false;           ///< The sender is connected.
   control::Announce announce;  ///< One per epoch and owner.
   std::string resume = {};     ///< Likewise: Resume::issued. Empty: of an older broker.
+  std::string sender = {};     ///< Likewise: sender_of().
   bool operator==(const DirectoryEntry&) const = default;
 };
+
+/// What brokers call the token or address that sends a stream: a hash, the same everywhere. Empty: one of the owner's
+/// machine.
+std::string sender_of(const StreamHolder& holder);
 
 /// One JSON object.
 std::string text_from_entry(const DirectoryEntry& entry);
@@ -57,10 +62,6 @@ class Directory {
   /// More are ignored: streams of all brokers, and of one name of them. Those of gone brokers make room.
   static constexpr std::size_t kMaxStreams = 65'536, kMaxStreamsPerName = 16'384;
 
-  /// What the messages of a broker's name may make the event loop do: as much as those of a token by default.
-  static constexpr double kWorkUsPerS = 250'000;
-  static constexpr std::size_t kMaxWorking = 1'024;  ///< Names that are over nothing are forgotten first.
-
   struct Known {
     std::optional<DirectoryEntry> entry;  ///< Nothing: removed.
     std::uint64_t revision = 0;
@@ -86,9 +87,6 @@ class Directory {
   /// Forgets brokers that have been silent for long; ids are not reused.
   void forget_silent(TimeUs now_us);
   void note_stopped(std::string_view broker);
-
-  /// What a message makes the event loop do, by an estimate. False: its broker's name is over kWorkUsPerS; drop it.
-  bool take_work(std::string_view broker, double work_us, TimeUs now_us);
 
   /// This broker always is, others are after a heartbeat within kHeartbeatTimeoutUs, and all that long after
   /// listening began.
@@ -125,7 +123,6 @@ class Directory {
   Streams streams_;
   std::map<std::string, std::size_t, std::less<>> streams_of_;  ///< By name of their brokers.
   std::map<std::string, TimeUs, std::less<>> last_heartbeat_us_;
-  std::map<std::string, RateLimiter, std::less<>> work_;  ///< By name of brokers.
 };
 
 /// Whether `mine`, granted locally during a partition, yields to the live entry `other` of another broker: the later

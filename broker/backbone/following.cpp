@@ -164,7 +164,8 @@ void Following::fetch_surface(const RemotePtr& remote) {
 void Following::begin(const RemotePtr& remote) {
   Stream& stream = *remote->stream;
   const DirectoryEntry& entry = remote->entry;
-  if (const auto held = hub_->hold_keys(stream, {"broker " + entry.owner}, entry.announce.format); !held) {
+  const std::string payer = entry.sender.empty() ? "broker " + entry.owner : "sender " + entry.sender;
+  if (const auto held = hub_->hold_keys(stream, {payer, true}, entry.announce.format); !held) {
     remote->phase = Remote::Phase::kWaiting;
     remote->next_us = environment_.now_us() + settings_.retry_us;
     return environment_.warn("stream '" + stream.name() + "' is not followed yet: " + held.error().message);
@@ -199,9 +200,10 @@ void Following::ask_join(const RemotePtr& remote) {
 void Following::take(Remote& remote, Bytes message) {
   if (remote.stream == nullptr) return;
   const double work_us = 1 + remote.stream->decoding_us(message.size(), true);
-  if (!directory_.take_work(remote.entry.owner, work_us, environment_.now_us())) {
+  if (!work_.take_frame(remote.entry.owner, remote.entry.sender, work_us, environment_.now_us())) {
     ++totals_.frames_dropped;
-    return environment_.warn("frames of broker " + remote.entry.owner + " are left out: they take too much computing");
+    return environment_.warn("frames of stream '" + remote.stream->name() + "' of broker " + remote.entry.owner +
+                             " are left out: those of its sender take too much computing");
   }
   const std::uint64_t dropped = remote.follower.dropped();
   for (const Bytes& frame : remote.follower.take(std::move(message))) {

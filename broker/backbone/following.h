@@ -14,6 +14,7 @@
 #include "broker/backbone/asset_exchange.h"
 #include "broker/backbone/directory.h"
 #include "broker/backbone/link.h"
+#include "broker/backbone/peer_work.h"
 #include "broker/relay/hub.h"
 #include "common/core/log.h"
 
@@ -59,12 +60,13 @@ class Following {
  public:
   /// All of them outlive it.
   Following(const BackboneSettings* settings, Link& link, AssetExchange& assets, const BackboneEnvironment* environment,
-            Directory& directory, BackboneTotals& totals)
+            Directory& directory, PeerWork& work, BackboneTotals& totals)
       : settings_(*settings),
         link_(link),
         assets_(assets),
         environment_(*environment),
         directory_(directory),
+        work_(work),
         totals_(totals) {}
   ~Following();
 
@@ -107,6 +109,7 @@ class Following {
   AssetExchange& assets_;
   const BackboneEnvironment& environment_;
   Directory& directory_;
+  PeerWork& work_;
   BackboneTotals& totals_;
   Hub* hub_ = nullptr;
   std::map<std::string, RemotePtr, std::less<>> remotes_;

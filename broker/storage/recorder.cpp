@@ -173,7 +173,7 @@ void Recorder::on_announced(const Stream& stream) {
   const auto found = sessions_.find(stream.name());
   if (found != sessions_.end()) return announce(found->second, stream);
   const bool wanted = settings_.streams.matches(stream.name());
-  if (wanted && used_up(stream.holder().key) == nullptr) announce(add(stream.name(), true), stream);
+  if (wanted && used_up(stream.payer()) == nullptr) announce(add(stream.name(), true), stream);
 }
 
 void Recorder::announce(const SessionPtr& session, const Stream& stream) {
@@ -183,7 +183,7 @@ void Recorder::announce(const SessionPtr& session, const Stream& stream) {
         .session = session,
         .announced = stream.announcement(),
         .layout = stream.layout(),
-        .holder = stream.holder().key,
+        .holder = stream.payer(),
         .bytes = kItemBytes});
 }
 
@@ -199,7 +199,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
   const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
   const std::int64_t bytes = kItemBytes + static_cast<std::int64_t>(held);
-  const auto mine = queued_.find(stream.holder().key);
+  const auto mine = queued_.find(stream.payer());
   const std::int64_t own = mine == queued_.end() ? 0 : mine->second;
   if (own + bytes > share_of(settings_.max_queued_bytes, totals_.queued_bytes, own)) {
     ++session.dropped;
@@ -217,7 +217,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
         .frame = gap ? nullptr : make_frame(head, record->payload),
         .checkpoint = checkpoint ? record->after : nullptr,
         .dropped = std::exchange(session.dropped, 0),
-        .holder = stream.holder().key,
+        .holder = stream.payer(),
         .bytes = bytes});
 }
 

@@ -22,6 +22,7 @@ Site::Site(FakeNetwork& network, const TimeUs& now, std::string id, const bool& 
   settings.prefix = "test";
   backbone = std::make_unique<Backbone>(settings, link, *exchange, environment());
   Hub::Settings hub_settings;
+  hub_settings.stream.max_bytes = 64 << 20;
   hub_settings.stream.taps = {store.get(), backbone.get()};
   hub = std::make_unique<Hub>(hub_settings);
   backbone->start(*hub);

@@ -305,7 +305,11 @@ TEST_F(RecorderTest, QuotaOfAHolderStopsOnlyItsOwn) {
   EXPECT_EQ(recorder_->totals().active, 2u);
 }
 
-TEST_F(RecorderTest, TwoHoldersLeaveRoomForOthers) {
+/// Whether senders are at another broker.
+class RecorderHoldersTest : public RecorderTest, public ::testing::WithParamInterface<bool> {};
+INSTANTIATE_TEST_SUITE_P(HereAndElsewhere, RecorderHoldersTest, ::testing::Bool());
+
+TEST_P(RecorderHoldersTest, TwoHoldersLeaveRoomForOthers) {
   settings_.include_asset = true;
   settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
   settings_.max_total_bytes = 1'000'000;
@@ -318,7 +322,9 @@ TEST_F(RecorderTest, TwoHoldersLeaveRoomForOthers) {
     if (stream == nullptr) {
       stream = hub.open("of/" + holder).value();
       EXPECT_TRUE(stream->claim(senders_.emplace_back()));
-      EXPECT_TRUE(hub.admit(*stream, {holder, false}, small_announce().format, FakeAccount().charge()));
+      const StreamFormat format = small_announce().format;
+      EXPECT_TRUE(GetParam() ? hub.hold_keys(*stream, {holder}, format)
+                             : hub.admit(*stream, {holder}, format, FakeAccount().charge()));
     }
     control::Announce announce = small_announce();
     announce.asset = put(Bytes(asset_bytes, ++number)).hex();
