@@ -80,9 +80,9 @@ bool UseCount::take(std::int64_t max, std::int64_t amount) {
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
-         listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && http_work.is_idle(now_us) &&
-         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us) &&
-         announcements.is_idle(now_us);
+         listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && profile_keys.is_idle(now_us) &&
+         http_work.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
+         failures.is_idle(now_us) && announcements.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -274,6 +274,10 @@ std::optional<TimeUs> Grant::take_work(double work_us, TimeUs now_us, TimeUs max
 
 bool Grant::charge_poses(double work_us, TimeUs now_us) {
   return take_loop_time(&Account::poses, work_us, now_us, kForeverUs) == 0;
+}
+
+bool Grant::take_profile_key(double work_us, TimeUs now_us) {
+  return take_loop_time(&Account::profile_keys, work_us, now_us, 0).has_value();
 }
 
 std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {

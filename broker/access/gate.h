@@ -60,6 +60,7 @@ struct Account {
   RateLimiter listings;
   RateLimiter work;
   RateLimiter poses;
+  RateLimiter profile_keys;
   RateLimiter http_work;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
@@ -134,6 +135,8 @@ class Grant {
   std::optional<TimeUs> take_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
   /// The same for poses between keys that it watches, apart, once they are made: false: the next one has to wait.
   bool charge_poses(double work_us, TimeUs now_us);
+  /// The same for keys in the profiles that it watches. False: it was not taken, the key has to be left out.
+  bool take_profile_key(double work_us, TimeUs now_us);
   const void* purse() const { return holders_.back().account.get(); }  ///< The same for all who share these budgets.
   /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted
   /// proxies have no limit.

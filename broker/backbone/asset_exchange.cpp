@@ -60,7 +60,7 @@ Error malformed_reply() {
 }  // namespace
 
 struct AssetExchange::Transfer {
-  std::string owner;
+  std::string owner, payer;
   Sha256 asset;
   TimeUs began_us = 0;
   bool references_known = false;
@@ -97,13 +97,15 @@ void AssetExchange::serve(const std::string& self) {
   });
 }
 
-void AssetExchange::fetch(const std::string& owner, const Sha256& asset, TimeUs now_us, Done done) {
+void AssetExchange::fetch(const std::string& owner, const Sha256& asset, const std::string& payer, TimeUs now_us,
+                          Done done) {
   if (const auto under_way = transfers_.find({owner, asset}); under_way != transfers_.end()) {
     under_way->second->done.push_back(std::move(done));
     return;
   }
   auto transfer = std::make_shared<Transfer>();
   transfer->owner = owner;
+  transfer->payer = payer;
   transfer->asset = asset;
   transfer->began_us = now_us;
   const auto whole = whole_.find({owner, asset});
@@ -168,8 +170,8 @@ void AssetExchange::ask_references(const TransferPtr& transfer) {
 
 void AssetExchange::begin_object(const TransferPtr& transfer, const Sha256& id) {
   const auto upload = std::make_shared<UploadPtr>();
-  const auto begin = [this, id, upload, owner = transfer->owner]() -> Result<void> {
-    auto begun = store_.begin_upload(id, "broker " + std::string(name_of_broker(owner)));
+  const auto begin = [this, id, upload, payer = transfer->payer]() -> Result<void> {
+    auto begun = store_.begin_upload(id, payer);
     if (begun) *upload = std::move(*begun);
     return begun ? Result<void>() : begun.error();
   };

@@ -41,9 +41,10 @@ class AssetExchange {
   ~AssetExchange() { stop(); }
 
   void serve(const std::string& self);
-  /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (at
+  /// Calls `done` when object `asset` and its references are in the store, at once if they are; `payer` holds what is
+  /// new there. Errors: kNotFound (at
   /// the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
-  void fetch(const std::string& owner, const Sha256& asset, TimeUs now_us, Done done);
+  void fetch(const std::string& owner, const Sha256& asset, const std::string& payer, TimeUs now_us, Done done);
   void stop();
 
   std::uint64_t fetched_bytes() const { return fetched_bytes_; }

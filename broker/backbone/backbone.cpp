@@ -13,7 +13,7 @@ namespace {
 constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 /// Retry delay after another broker changed the row first: its change is on its way.
 constexpr TimeUs kOvertakenUs = 50'000;
-constexpr TimeUs kForgetEveryUs = 10'000'000;
+constexpr TimeUs kForgetEveryUs = 1'000'000;
 constexpr std::uint64_t kEpochGaps = 256;
 constexpr double kRowBytesPerUs = 28;  ///< JSON at its worst.
 /// What heartbeats say.

@@ -30,6 +30,10 @@ std::string sender_of(const StreamHolder& holder) {
   return sha256(bytes).hex().substr(0, 16);
 }
 
+std::string payer_of(const DirectoryEntry& entry) {
+  return entry.sender.empty() ? "broker " + std::string(name_of_broker(entry.owner)) : "sender " + entry.sender;
+}
+
 std::string text_from_entry(const DirectoryEntry& entry) {
   // The announcement is embedded as a control message, for its hardened parser.
   nlohmann::json json{{"owner", entry.owner},
@@ -140,8 +144,13 @@ bool Directory::has_room(bool is_new, const std::optional<DirectoryEntry>& entry
   if (!is_full()) return true;
   if (now_us < next_room_us_) return false;
   next_room_us_ = now_us + kMakeRoomEveryUs;
+  // Streams that ended make room, too. Their revisions stay as long as possible: who claims one again needs it.
+  const bool all = streams_.size() >= kMaxStreams;
   for (auto it = streams_.begin(); it != streams_.end();) {
-    it = it->second.entry && is_alive(it->second.entry->owner, now_us) ? std::next(it) : erase(it);
+    const std::optional<DirectoryEntry>& other = it->second.entry;
+    const bool is_here = other && (other->owner == self_ || is_alive(other->owner, now_us));
+    if (is_here && !all && other->owner != self_ && !other->live) set(it->second, std::nullopt);
+    it = is_here && (!all || other->live || other->owner == self_) ? std::next(it) : erase(it);
   }
   return !is_full();
 }

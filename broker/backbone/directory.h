@@ -30,6 +30,9 @@ struct DirectoryEntry {
 /// machine.
 std::string sender_of(const StreamHolder& holder);
 
+/// Whose limits a stream of another broker counts towards here: its sender's, or all such of that broker's name.
+std::string payer_of(const DirectoryEntry& entry);
+
 /// One JSON object.
 std::string text_from_entry(const DirectoryEntry& entry);
 /// Safe on hostile input. Errors: kCorrupt.

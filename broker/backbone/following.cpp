@@ -158,14 +158,13 @@ void Following::fetch_surface(const RemotePtr& remote) {
     environment_.warn("the surface of stream '" + still->stream->name() +
                       "' does not come, trying again: " + fetched.error().message);
   };
-  assets_.fetch(remote->entry.owner, *asset, environment_.now_us(), took);
+  assets_.fetch(remote->entry.owner, *asset, payer_of(remote->entry), environment_.now_us(), took);
 }
 
 void Following::begin(const RemotePtr& remote) {
   Stream& stream = *remote->stream;
   const DirectoryEntry& entry = remote->entry;
-  const std::string payer = entry.sender.empty() ? "broker " + entry.owner : "sender " + entry.sender;
-  if (const auto held = hub_->hold_keys(stream, {payer, true}, entry.announce.format); !held) {
+  if (const auto held = hub_->hold_keys(stream, {payer_of(entry), true}, entry.announce.format); !held) {
     remote->phase = Remote::Phase::kWaiting;
     remote->next_us = environment_.now_us() + settings_.retry_us;
     return environment_.warn("stream '" + stream.name() + "' is not followed yet: " + held.error().message);

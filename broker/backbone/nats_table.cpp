@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The table of a NatsLink: a JetStream key-value bucket, and row changes that brokers publish to each other.
+#include <algorithm>
 #include <utility>
 
 #include "broker/backbone/nats_link_impl.h"
@@ -11,7 +12,8 @@ using std::chrono_literals::operator""ms;
 using std::chrono_literals::operator""s;
 
 constexpr std::int64_t kTableTimeoutMs = 2'000;
-constexpr auto kReread = 60s;  ///< Period of reading the whole table again.
+constexpr auto kReread = 60s;     ///< Period of reading the whole table again, at least 50 times as long as that takes.
+constexpr auto kMaxSilence = 5s;  ///< While it is read.
 
 }  // namespace
 
@@ -174,6 +176,8 @@ void NatsLink::watch_once(std::uint64_t generation) {
   if (kvStore_WatchAll(&raw, store->get(), &options) != NATS_OK) return;
   const WatcherPtr watcher(raw);
   const auto began = std::chrono::steady_clock::now();
+  auto heard = began;
+  std::chrono::nanoseconds took{};
   bool read = false;
   for (;;) {
     while (undelivered_ > kMaxUndeliveredBytes / 2) {
@@ -188,13 +192,16 @@ void NatsLink::watch_once(std::uint64_t generation) {
       if (stopping_ || !connected_ || generation != generation_) return;
     }
     if (status == NATS_TIMEOUT) {
-      const auto age = std::chrono::steady_clock::now() - began;
-      if (age > kReread || (!read && age > 5s)) return;
+      const auto now = std::chrono::steady_clock::now();
+      if (read ? now - began > std::max<std::chrono::nanoseconds>(kReread, 50 * took) : now - heard > kMaxSilence)
+        return;
       continue;
     }
     if (status != NATS_OK) return;
+    heard = std::chrono::steady_clock::now();
     if (entry == nullptr) {
       read = true;
+      took = heard - began;
       post_to_listener([this] { listener_->on_table_read(); });
       continue;
     }

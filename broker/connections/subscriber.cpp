@@ -97,6 +97,10 @@ bool Subscriber::charge_poses(double work_us) {
   return grant().charge_poses(work_us, context().turn.now_us());
 }
 
+bool Subscriber::take_key(double work_us) {
+  return grant().take_profile_key(work_us, context().turn.now_us());
+}
+
 void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
   if (restart) outbox().open_lane(stream.id());
   send(stream.info_for(*this));

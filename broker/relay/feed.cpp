@@ -99,20 +99,21 @@ void Feed::begin_at(KeyRecordPtr record) {
 
 void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out) {
   if (profile_.rate == Profile::Rate::kRaw) return emit_key(std::move(record), 0, out);
+  const bool gap = std::exchange(gap_, false) || !record->before;
   if (profile_.rate == Profile::Rate::kEstimated) {
-    if (!record->before) forecaster_.reset();
+    if (gap) forecaster_.reset();
     forecaster_.add_key(record->sequence, record->capture_us, now_us);
     emit_key(std::move(record), 0, out);
     return pump_estimates(now_us, out);
   }
-  if (!record->before) {  // Pending poses build on the old chain.
+  if (gap) {  // Pending poses build on the old chain.
     pacer_.reset();
     pending_.clear();
     prepared_.clear();
     steps_pending_ = false;
   }
   pacer_.add_key(record->sequence, record->capture_us, now_us);
-  if (is_compact(profile_) && !record->before) return emit_key(std::move(record), 0, out);
+  if (is_compact(profile_) && gap) return emit_key(std::move(record), 0, out);
   pending_.push_back(std::move(record));
   if (is_compact(profile_) && !steps_pending_) emit_pending_ahead(out);
   while (pending_.size() > kMaxPendingKeys) {

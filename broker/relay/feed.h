@@ -74,6 +74,7 @@ class Feed {
   void begin_at(KeyRecordPtr record);
 
   void add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out);
+  void leave_gap() { gap_ = true; }  ///< A key is not added: what follows does not build on those before it.
 
   /// Appends the frames due by now: every key, but only the newest of several poses.
   void pump(TimeUs now_us, std::vector<FramePtr>& out);
@@ -130,6 +131,7 @@ class Feed {
   std::optional<Curve> curve_;
   bool steps_pending_ = false;  ///< Compact: steps up to last_emitted_ are still due.
   FramePtr join_;
+  bool gap_ = false;
   std::uint64_t failed_poses_ = 0;
 };
 

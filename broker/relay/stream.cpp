@@ -29,6 +29,8 @@ constexpr double kDecodedPerUs = 450, kDecodedBytesPerUs = 8, kFloatBytesPerUs =
 
 // Asked to pay for a pose, at most: a crowd that cannot must not cost more than the pose.
 constexpr std::size_t kMaxPayersAsked = 8;
+// What a key costs a profile besides poses: pacing, cutting bands.
+constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
 
 std::shared_ptr<const std::string> framed_text(const std::string& json) {
   return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, json));
@@ -178,7 +180,7 @@ void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
   tracer_.note_key(record->sequence, record->arrival_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, present_.newest);
   for (auto& [profile, group] : groups_) {
-    group->feed.add_key(record, now_us, group->pending);
+    if (group->take_key(*record)) group->feed.add_key(record, now_us, group->pending);
   }
   has_pending_ = true;
 }
@@ -417,16 +419,29 @@ void Stream::Group::remove(const Watcher& watcher) {
   watchers.erase(found);
 }
 
-bool Stream::Group::charge_poses(double work_us) {
-  if (work_us > 0) return watchers[payer % watchers.size()]->charge_poses(work_us);
+template <typename Pays>
+bool Stream::Group::find_payer(Pays pays) {
   std::vector<const void*> empty;
   for (std::size_t left = watchers.size(); left > 0; --left, ++payer) {
     Watcher& watcher = *watchers[payer %= watchers.size()];
     if (std::find(empty.begin(), empty.end(), watcher.purse()) != empty.end()) continue;
     if (empty.size() == kMaxPayersAsked) return false;
-    if (watcher.charge_poses(0)) return true;
+    if (pays(watcher)) return true;
     empty.push_back(watcher.purse());
   }
+  return false;
+}
+
+bool Stream::Group::charge_poses(double work_us) {
+  if (work_us > 0) return watchers[payer % watchers.size()]->charge_poses(work_us);
+  return find_payer([](Watcher& watcher) { return watcher.charge_poses(0); });
+}
+
+bool Stream::Group::take_key(const KeyRecord& record) {
+  if (feed.profile().rate == Profile::Rate::kRaw) return true;
+  const double work_us = kProfileKeyUs + static_cast<double>(record.payload.size()) / kProfileKeyBytesPerUs;
+  if (find_payer([&](Watcher& watcher) { return watcher.take_key(work_us); })) return true;
+  feed.leave_gap();
   return false;
 }
 

@@ -30,6 +30,8 @@ class Watcher {
   virtual std::string holder() const { return {}; }
   /// Counts what encoding poses for it took; false: its holder's budget for that is used up. 0: asks.
   virtual bool charge_poses(double /*work_us*/) { return true; }
+  /// Takes what a key in its profile costs, apart; false: the budget is used up, and the key is left out.
+  virtual bool take_key(double /*work_us*/) { return true; }
   virtual const void* purse() const { return this; }  ///< The same for all of a holder.
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
@@ -233,6 +235,11 @@ class Stream {
     Group(const Profile& profile, const Feed::Source& source)
         : feed(profile, source, [this](double work_us) { return charge_poses(work_us); }) {}
     bool charge_poses(double work_us);
+    /// Whether somebody pays for it; else its receivers get a join once somebody does.
+    bool take_key(const KeyRecord& record);
+    /// Goes on to the first who does, if one of the next kMaxPayersAsked holders does.
+    template <typename Pays>
+    bool find_payer(Pays pays);
     void remove(const Watcher& watcher);
     Feed feed;
     std::vector<Watcher*> watchers;

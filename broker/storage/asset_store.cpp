@@ -240,7 +240,7 @@ void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& 
 }
 
 void AssetStore::on_announced(const Stream& stream) {
-  set_used(stream.name(), Sha256::from_hex(stream.asset()), stream.holder().key);
+  set_used(stream.name(), Sha256::from_hex(stream.asset()), stream.payer());
 }
 
 void AssetStore::on_forgotten(const Stream& stream) {

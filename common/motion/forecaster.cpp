@@ -49,9 +49,10 @@ void Forecaster::follow(TimeUs capture_us, TimeUs arrival_us, TimeUs interval_us
     samples_.pop_front();
   std::vector<TimeUs> offsets;
   for (const Sample& sample : samples_) offsets.push_back(sample.offset_us);
-  std::sort(offsets.begin(), offsets.end());
-  const TimeUs max_us = offsets.front() + interval_us / 2;
-  const TimeUs target_us = std::min(offsets[(offsets.size() - 1) * 9 / 10], max_us);
+  const TimeUs max_us = *std::min_element(offsets.begin(), offsets.end()) + interval_us / 2;
+  const auto late = offsets.begin() + static_cast<std::ptrdiff_t>((offsets.size() - 1) * 9 / 10);
+  std::nth_element(offsets.begin(), late, offsets.end());
+  const TimeUs target_us = std::min(*late, max_us);
   if (!delay_us_ || target_us >= *delay_us_) {
     delay_us_ = target_us;
   } else {

@@ -264,6 +264,9 @@ TEST_F(BackboneTest, TheRowOfAStreamNamesItsSenderByAHash) {
   EXPECT_EQ(sender_of(own_machine), "");
   DirectoryEntry entry{"a.1", 1, true, small_announce(), "proof", sender_of(token)};
   EXPECT_EQ(entry_from_text(text_from_entry(entry)).value(), entry);
+  EXPECT_EQ(payer_of(entry), "sender " + sender_of(token));
+  entry.sender.clear();
+  EXPECT_EQ(payer_of(entry), "broker a") << "whatever its run";
   entry.sender = std::string(200, 'x');
   EXPECT_FALSE(entry_from_text(text_from_entry(entry)));
 }

@@ -191,6 +191,23 @@ TEST(Directory, InventedStreamsLeaveRoomForTrueOnes) {
   EXPECT_TRUE(directory.take("mine", text_from_entry(entry_of("me", 1)), ++revision, now));
 }
 
+TEST(Directory, EndedStreamsMakeRoomForOthersOfTheirBroker) {
+  Directory directory("me", 0);
+  const TimeUs now = 2 * Directory::kHeartbeatTimeoutUs;
+  directory.note_heartbeat("a.1", now);
+  std::uint64_t revision = 0;
+  const auto take = [&](const std::string& name, bool live) {
+    return directory.take(name, text_from_entry(entry_of("a.1", 1, live)), ++revision, now).has_value();
+  };
+  ASSERT_TRUE(take("live", true));
+  for (std::size_t i = 1; i < Directory::kMaxStreamsPerName; ++i)
+    ASSERT_TRUE(take("ended/" + std::to_string(i), false));
+  EXPECT_TRUE(take("new", true));
+  EXPECT_NE(directory.live("new", now), nullptr);
+  EXPECT_NE(directory.live("live", now), nullptr);
+  EXPECT_EQ(directory.revision("ended/7"), 8U) << "who claims it needs to know";
+}
+
 TEST(Directory, RunsOfANameAreBounded) {
   Directory directory("me", 0);
   const TimeUs now = 2 * Directory::kHeartbeatTimeoutUs;

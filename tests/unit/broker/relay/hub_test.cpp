@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/relay/hub.h"
+#include "common/core/share.h"
 
 #include <gtest/gtest.h>
 
@@ -208,6 +209,16 @@ class KeysTest : public RoomTest {
     return announce(sender, name, holder, account_, large_announce());
   }
 };
+
+TEST(ShareTest, WhoIsSparedHasNoLessThanOthers) {
+  for (std::int64_t used = 0; used <= 64; ++used) {
+    for (std::int64_t own = 0; own <= used; ++own) {
+      EXPECT_GE(share_of(64, used, own, true), share_of(64, used, own)) << used << " " << own;
+      EXPECT_LE(share_of(64, used, own, true), own + 64 - used);
+    }
+  }
+  EXPECT_EQ(share_of(64, 0, 0, true), 60);
+}
 
 TEST_F(KeysTest, HolderHasAShareOfTheirMemory) {
   std::array<FakeSender, 7> senders;

@@ -171,6 +171,29 @@ TEST_F(StreamPosesTest, PosesAreLeftOutWhereNoViewerPays) {
   }
 }
 
+TEST_F(StreamPosesTest, KeysOfProfilesAreLeftOutWhereNoViewerPays) {
+  begin();
+  struct Payer : FakeReceiver {
+    bool take_key(double work_us) override {
+      keys_us += work_us;
+      return pays;
+    }
+    double keys_us = 0;
+    bool pays = true;
+  } raw, poor, rich;
+  poor.pays = raw.pays = false;
+  for (Payer* each : {&raw, &poor}) ASSERT_TRUE(stream_.watch(*each, each == &raw ? kRaw : kCompact));
+  play(10);
+  EXPECT_GE(raw.frames.size(), 10u);
+  EXPECT_EQ(raw.keys_us, 0);
+  EXPECT_TRUE(poor.frames.empty());
+  EXPECT_GT(poor.keys_us, 10 * 4);
+  ASSERT_TRUE(stream_.watch(rich, kCompact));
+  play(10);
+  EXPECT_GE(poor.frames.size(), 10u) << "another viewer pays";
+  for (Payer* each : {&raw, &poor, &rich}) stream_.unwatch(*each);
+}
+
 TEST_F(StreamPosesTest, ViewersWhoCannotPayTakeNoPosesFromOthers) {
   begin();
   const Profile profile = profile_from_query("k=3").value();
