@@ -45,7 +45,7 @@ auto timed(std::vector<double>& times, Work&& work) {
 
 /// Bytes of a frame's envelope and of the WebSocket header before it.
 std::size_t bytes_around(std::size_t payload) {
-  return Envelope::kBytes + (payload + Envelope::kBytes < 126 ? 2 : 4);
+  return Envelope::kKeyBytes + (payload + Envelope::kKeyBytes < 126 ? 2 : 4);
 }
 
 /// Bytes, errors and times of all frames of one kind; each frame is coded once, as in a stream.

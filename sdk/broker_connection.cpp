@@ -90,6 +90,7 @@ void BrokerConnection::on_open(const BrokerUrl& broker) {
   if (!url_stream_.empty() && find(url_stream_) == nullptr) send(control::Unsubscribe{url_stream_});
   for (Stream& stream : streams_) {
     stream.id.reset();
+    stream.reader.restart();
     stream.ack.reset();
     stream.ask_again_at_us.reset();
     stream.listener->on_open(at_);
@@ -118,6 +119,7 @@ void BrokerConnection::on_message(const control::StreamInfo& m) {
   if (stream == nullptr) return;
   const bool first = !stream->id;
   stream->id = m.stream_id;
+  stream->reader.begin(m.stream_id, m.tag, m.epoch);
   stream->ask_again_at_us.reset();
   stream->listener->on_info(m);
   if (first && stream->request.trace_every > 0) send(control::TraceRequest{m.stream, stream->request.trace_every});
@@ -172,9 +174,10 @@ void BrokerConnection::on_binary(ByteView bytes) {
     if (!frame) {
       stream.listener->on_frame({}, bytes.size(), now);
     } else if (stream.id == frame->envelope.stream_id) {
+      const auto whole = stream.reader.read(*frame);
       // Received is received: also what cannot be decoded no longer fills the link.
-      stream.ack = control::Ack::Item{*stream.id, frame->envelope.sequence, frame->envelope.step.byte()};
-      stream.listener->on_frame(*frame, bytes.size(), now);
+      if (whole) stream.ack = {*stream.id, whole->envelope.sequence, whole->envelope.step.byte()};
+      stream.listener->on_frame(whole, bytes.size(), now);
     }
   }
   if (now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);  // Last, so that the pose does not wait for it.

@@ -43,7 +43,7 @@ class BrokerConnection final {
     /// This connection has as many streams as the broker allows: leave it and join another.
     virtual void on_crowded_out() = 0;
     virtual void on_clock(const ClockOffset::Estimate& clock) = 0;
-    /// Nothing in it: it could not be read.
+    /// Nothing in it: it could not be read, or belongs to another chain.
     virtual void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) = 0;
   };
 
@@ -68,6 +68,7 @@ class BrokerConnection final {
     Request request;
     Listener* listener;
     std::optional<std::uint32_t> id;        ///< Once the broker has said it on this connection.
+    EnvelopeReader reader;                  ///< Of its frames.
     std::optional<control::Ack::Item> ack;  ///< Newest frame that is not acknowledged yet.
     std::optional<TimeUs> ask_again_at_us;  ///< Set while the broker declines the stream.
 

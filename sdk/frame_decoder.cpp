@@ -57,6 +57,7 @@ Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
       auto state = decode_join(layout_, e.bands, frame.payload);
       if (!state) return state.error();
       chain_ = std::move(*state);
+      chain_->age_us = e.age_us;
       ++counts_.joins;
       break;
     }

@@ -4,18 +4,15 @@
 #include <algorithm>
 #include <utility>
 
-#include "common/wire/envelope.h"
-
 namespace eigencast {
 
 KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate)
     : layout_(std::move(layout)), half_spacing_(half_spacing), rate_(std::move(rate)) {}
 
-void KeyWriter::begin(std::uint32_t stream_id, std::uint32_t epoch) {
+void KeyWriter::begin(const control::Announced& announced) {
   restart();
-  stream_id_ = stream_id;
-  epoch_ = epoch;
-  sequence_ = 0;
+  announced_ = announced;
+  newest_ = {};
 }
 
 Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
@@ -44,24 +41,23 @@ Result<KeyWriter::Coded> KeyWriter::code_as(Key key, ByteView payload, TimeUs ca
 KeyWriter::Coded KeyWriter::framed(CodedKey coded, TimeUs capture_us) const {
   Envelope envelope;
   envelope.bands = coded.key.bands;
-  envelope.stream_id = stream_id_;
-  envelope.epoch = epoch_;
-  envelope.sequence = sequence_ + 1;
+  envelope.stream_id = announced_.stream_id;
+  envelope.tag = announced_.tag;
+  envelope.sequence = newest_.sequence + 1;
   envelope.capture_us = capture_us;
   envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
-  ChainState next = chain_ ? ChainState{chain_->newer, std::move(coded.key), capture_us - last_capture_us_}
+  ChainState next = chain_ ? ChainState{chain_->newer, std::move(coded.key), capture_us - newest_.capture_us}
                            : advanced(std::nullopt, std::move(coded.key), 0);
   Coded out{{}, std::move(next), capture_us};
-  out.message.reserve(Envelope::kBytes + coded.payload.size());
-  append_envelope(envelope, out.message);
+  out.message.reserve(Envelope::kMaxBytes + coded.payload.size());
+  append_envelope(envelope, &newest_, out.message);
   out.message.insert(out.message.end(), coded.payload.begin(), coded.payload.end());
   return out;
 }
 
 void KeyWriter::sent(Coded coded, std::size_t bytes) {
   chain_ = std::move(coded.next);
-  last_capture_us_ = coded.capture_us;
-  ++sequence_;
+  newest_ = {newest_.sequence + 1, coded.capture_us, chain_->age_us};
   if (rate_) rate_->add(bytes, coded.capture_us);
 }
 

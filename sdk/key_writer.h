@@ -8,6 +8,8 @@
 #include "common/codec/chain.h"
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
 #include "sdk/send_policy.h"
 
 namespace eigencast {
@@ -27,7 +29,7 @@ class KeyWriter {
   KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate);
 
   /// The next message is the first of a stream that the broker knows by these.
-  void begin(std::uint32_t stream_id, std::uint32_t epoch);
+  void begin(const control::Announced& announced);
   void restart() { chain_.reset(); }  ///< The chain is broken: the next message is a join.
 
   Result<Coded> code(Key key, TimeUs capture_us) const;  ///< Errors: those of the codec.
@@ -36,12 +38,12 @@ class KeyWriter {
   void sent(Coded coded, std::size_t bytes);
 
   const Key* held() const { return chain_ ? &chain_->newer : nullptr; }  ///< Null before the first of a chain.
-  bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > last_capture_us_; }
+  bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > newest_.capture_us; }
   const CoefficientLayout& layout() const { return layout_; }
-  std::uint32_t stream_id() const { return stream_id_; }
-  std::uint32_t epoch() const { return epoch_; }
-  std::uint64_t sequence() const { return sequence_; }  ///< Numbers the last key written in this epoch.
-  std::vector<double> positions_held() const;           ///< r x 3 of held(); empty where there is none.
+  std::uint32_t stream_id() const { return announced_.stream_id; }
+  std::uint32_t epoch() const { return announced_.epoch; }
+  std::uint64_t sequence() const { return newest_.sequence; }  ///< Numbers the last key written in this epoch.
+  std::vector<double> positions_held() const;                  ///< r x 3 of held(); empty where there is none.
 
  private:
   Coded framed(CodedKey coded, TimeUs capture_us) const;
@@ -50,10 +52,8 @@ class KeyWriter {
   const std::uint8_t half_spacing_;
   std::optional<RateControl> rate_;
   std::optional<ChainState> chain_;  ///< Nothing until the first message of a chain.
-  std::uint32_t stream_id_ = 0;
-  std::uint32_t epoch_ = 0;
-  std::uint64_t sequence_ = 0;
-  TimeUs last_capture_us_ = 0;
+  control::Announced announced_;
+  ChainClock newest_;
 };
 
 }  // namespace eigencast

@@ -262,7 +262,7 @@ class BrokerPublisher final : public Publisher {
     if (phase_ != Phase::kAnnounced) return;
     phase_ = Phase::kLive;
     resume_ = m.resume;
-    writer_.begin(m.stream_id, m.epoch);
+    writer_.begin(m);
     if (still_) still_->restart();
     stats_.state = State::kLive;
     const std::string live = stats_.detail = "live at " + at_.origin() + "/" + url_.stream;

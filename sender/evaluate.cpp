@@ -16,9 +16,14 @@
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kWebSocketHeaderBytes = 4;  // server to client, payload of 126 to 65,535 bytes
 constexpr TimeUs kKeyInterval = 33'333;
 constexpr std::size_t kStillPoses = 60;  // two seconds
+
+/// With the envelope of an even stream, and WebSocket's header from server to client.
+std::size_t wire_bytes(std::size_t payload) {
+  const std::size_t message = payload + Envelope::kKeyBytes;
+  return message + (message < 126 ? 2 : message < 65'536 ? 4 : 10);
+}
 
 /// What `act` gives; how long that took goes to `ns`.
 template <typename Act>
@@ -112,7 +117,7 @@ double Evaluation::payload_kbit_per_s(double rate_hz) const {
 }
 
 double Evaluation::wire_kbit_per_s(double rate_hz) const {
-  return payload_kbit_per_s(rate_hz) + static_cast<double>(Envelope::kBytes + kWebSocketHeaderBytes) * 8e-3 * rate_hz;
+  return frames == 0 ? 0 : static_cast<double>(wire_bytes) / static_cast<double>(frames) * 8e-3 * rate_hz;
 }
 
 double eps_from_step(const Asset& asset, double step) {
@@ -145,7 +150,10 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
     const auto coded = code_key(layout, *key, quantiser.half_spacing, state, result);
     if (!coded) return coded.error();
     result.payload_bytes += *coded;
-    result.frames += frame > 0 ? 1 : 0;
+    if (frame > 0) {
+      ++result.frames;
+      result.wire_bytes += wire_bytes(*coded);
+    }
     const std::vector<double> received = coefficients_from_key(layout, state->newer);
     const double distance = surface_distance(*C, received, asset.area);
     quantising += distance * distance;

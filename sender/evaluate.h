@@ -36,11 +36,12 @@ struct Evaluation {
   double quantising_rms = 0;  ///< Area-weighted rms distance of what is received from what was projected, model units.
   std::uint64_t frames = 0;
   std::uint64_t payload_bytes = 0;  ///< Counts all keys but the first, which is a join frame.
+  std::uint64_t wire_bytes = 0;     ///< The same with envelopes and WebSocket headers.
   std::uint64_t join_bytes = 0;     ///< Counts the join frame at the end.
   Histogram encode_ns, decode_ns;
   std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
 
-  /// Payload alone, and with envelope (27 bytes) and WebSocket header (4).
+  /// Payload alone, and with envelope and WebSocket header.
   double payload_kbit_per_s(double rate_hz) const;
   double wire_kbit_per_s(double rate_hz) const;
 };

@@ -42,11 +42,14 @@ class ChainFollower {
   void begin(CoefficientLayout layout) {
     layout_ = std::move(layout);
     state_.reset();
+    reader_.restart();
   }
   /// Nothing: not a new pose. Errors: kCorrupt.
   Result<std::optional<Pose>> follow(const Record& record) {
-    const auto frame = parse_frame(record.body);
-    if (!frame) return frame.error();
+    const auto parsed = parse_frame(record.body);
+    if (!parsed) return parsed.error();
+    const auto frame = reader_.read(*parsed);
+    if (!frame) return std::optional<Pose>();  // Behind a gap: the checkpoint that bridges it comes.
     const Envelope& head = frame->envelope;
     if (head.kind == FrameKind::kJoin) {
       auto state = decode_join(layout_, head.bands, frame->payload);
@@ -57,18 +60,19 @@ class ChainFollower {
       sequence_ = head.sequence;
       return std::optional(Pose{state_->newer, {}, record.time_us});
     }
-    if (head.kind == FrameKind::kKey && state_ && head.sequence == sequence_ + 1) {
+    if (head.kind == FrameKind::kKey && state_) {
       auto key = decode_key(layout_, head.bands, *state_, frame->payload);
       if (!key) return key.error();
       state_ = advanced(std::move(state_), std::move(*key), 0);
       sequence_ = head.sequence;
       return std::optional(Pose{state_->newer, Bytes(frame->payload.begin(), frame->payload.end()), record.time_us});
     }
-    return std::optional<Pose>();  // Behind a gap: the checkpoint that bridges it comes.
+    return std::optional<Pose>();
   }
 
  private:
   CoefficientLayout layout_;
+  EnvelopeReader reader_;
   std::optional<ChainState> state_;
   std::uint64_t sequence_ = 0;
 };

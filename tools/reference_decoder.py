@@ -249,52 +249,69 @@ class Receiver:
         self.older = self.newer = self.number = self.age = self.capture = None
 
     def decode(self, frame):
-        require(27 <= len(frame) <= 2**20, "size of the frame")
-        first, bands, step, stream_id, epoch, sequence, capture = struct.unpack("<BBBIIQQ", frame[:27])
+        require(len(frame) <= 2**20, "size of the frame")
+        reader = Bytes(frame)
+        first = reader.u8()
         kind, flags = first & 7, first >> 3
-        at, of = step >> 4, step & 15
-        payload = Bytes(frame[27:])
         require(kind in KINDS, "kind")
-        require(flags & ~(1 if kind in (1, 2) else 0) == 0, "flags")
-        require(step == 0 if kind in (1, 2) else 1 <= at and 1 <= of and (at <= of or kind == 5), "step")
-        require((bands == 0) == (len(payload.data) == 0) and (kind == 5 or (bands == 0) == (kind == 4)), "bands or payload")
+        name = KINDS[kind]
+        is_key, precedes = name in ("key", "join"), name in ("key", "synthetic")
+        require(flags & ~(1 if is_key else 2 if name == "estimate" else 0) == 0, "flags")
+        stream_id, tag = reader.varint(), reader.u8()
+        require(stream_id < 2**32, "stream id")
+        check = None if name == "join" else reader.u8()
+        step = 0 if is_key else reader.u8()
+        at, of = step >> 4, step & 15
+        require(is_key or 1 <= at and 1 <= of and (at <= of or name == "estimate"), "step")
+        has_bands = is_key or name == "synthetic" or flags == 2
+        bands = reader.u8() if has_bands else 0
         require(bands < 2 ** len(self.layout["band_ends"]), "unknown bands")
-        require(capture <= MAX_TIME, "capture time")
-        out = {"kind": KINDS[kind], "flags": flags, "bands": bands, "at": at, "of": of, "stream_id": stream_id, "epoch": epoch}
-        out.update(sequence=sequence, capture_us=capture)
+        if name == "join":
+            sequence, capture, age = reader.varint(), reader.varint(), reader.varint()
+            require(age <= capture <= MAX_TIME, "capture time or age")
+        code = reader.varint() if precedes else 0
+        delay = code // 2 if code % 2 == 0 else -(code + 1) // 2
+        require(abs(delay) <= MAX_TIME, "capture time")
+        payload = Bytes(reader.data[reader.at :])
+        require(has_bands == (bands != 0) == (len(payload.data) > 0), "bands or payload")
 
+        if name != "join":
+            resolved = self.resolved(name, check, at, of, delay)
+            if resolved is None:
+                self.number = None if name == "key" else self.number
+                return None
+            sequence, capture = resolved
+        out = {"kind": name, "flags": flags if is_key else 0, "bands": bands, "at": at, "of": of, "stream_id": stream_id, "tag": tag}
+        out.update(sequence=sequence, capture_us=capture)
         scheme = self.layout.get("scheme")
-        if kind == 2:
-            age = self.age = self.read_join(bands, payload)
-            self.number = sequence
-            self.capture = capture
+        if name == "join":
+            self.read_join(bands, payload)
+            self.number, self.capture, self.age = sequence, capture, age
             out.update(age_us=age, older=self.older.json(), newer=self.newer.json())
             return out
-        if kind == 4:
-            if self.number != sequence:
-                return None
-            if scheme == "hermite":
-                pose = hermite(self.layout, self.older, self.newer, self.age, at, of)
-            else:
-                pose = interpolate(self.layout, self.older, self.newer, at, of)
-            out["pose"] = pose.json()
-            return out
-        if kind == 5:
-            if self.number != sequence:
-                return None
-            made = bands == 0
-            pose = estimate(self.layout, self.older, self.newer, scheme == "damped", at, of) if made else self.read_key(bands, payload)
-            out["pose"] = pose.json()
-            return out
-        if self.number != sequence - 1:
-            return None
-        pose = self.read_key(bands, payload)
-        if kind == 1:
+        if name == "step" and scheme == "hermite":
+            pose = hermite(self.layout, self.older, self.newer, self.age, at, of)
+        elif name == "step":
+            pose = interpolate(self.layout, self.older, self.newer, at, of)
+        elif not has_bands:
+            pose = estimate(self.layout, self.older, self.newer, scheme == "damped", at, of)
+        else:
+            pose = self.read_key(bands, payload)
+        if name == "key":
             self.older, self.newer, self.number = self.newer, pose, sequence
-            self.age = capture - self.capture
-            self.capture = capture
+            self.age, self.capture = capture - self.capture, capture
         out["pose"] = pose.json()
         return out
+
+    def resolved(self, name, check, at, of, delay):
+        """Sequence and capture time of a frame that follows the newest key, else None."""
+        if self.number is None:
+            return None
+        sequence = self.number + (1 if name in ("key", "synthetic") else 0)
+        part = self.age if name == "key" else self.age * at // of
+        capture = self.capture + part + delay - (self.age if name == "step" else 0)
+        in_range = 0 <= capture <= MAX_TIME and (name != "key" or capture > self.capture)
+        return (sequence, capture) if sequence % 256 == check and sequence < 2**64 and in_range else None
 
     def read_codec(self, payload, newer=None):
         """m and step; `newer` is the key whose step holds where none is said."""
@@ -334,9 +351,7 @@ class Receiver:
         require(not m, "spacing of a join")
         older_step = self.read_step(payload)
         older_bands = payload.u8()
-        age = payload.varint()
         require(older_bands & ~bands == 0, "older bands")
-        require(age <= MAX_TIME, "age")
         older, newer = Key(self.layout, older_bands, older_step), Key(self.layout, bands, step)
         for band, section in self.sections(bands, payload):
             c = None
@@ -346,7 +361,6 @@ class Receiver:
                     c = references(self.layout, older, band, step)
             read_run(self.layout, section, 0, c, None, band, newer.values)
         self.older, self.newer = older, newer
-        return age
 
 
 def frames_of(path):

@@ -51,7 +51,7 @@ class Sender(threading.Thread):
     def __init__(self, port, tools, rate):
         super().__init__(daemon=True)
         self.template, rows = payloads.float_join(SIZE)
-        self.peer = Peer(port, "/v1/publish/s0", "eigencast.v1")
+        self.peer = Peer(port, "/v1/publish/s0", "eigencast.v2")
         self.peer.send(frame(TEXT, payloads.announce(tools.asset, rows, "float32", rate=rate).encode()))
         while b'"announced"' not in self.peer.receive()[1]:
             pass
@@ -63,8 +63,7 @@ class Sender(threading.Thread):
         while not self.over:
             due = began + sequence / self.rate
             time.sleep(max(0.0, due - time.monotonic()))
-            stamp = int(due * 1e6).to_bytes(8, "little")
-            self.peer.send(frame(BINARY, self.template[:11] + sequence.to_bytes(8, "little") + stamp + self.template[27:]))
+            self.peer.send(frame(BINARY, payloads.stamped(self.template, sequence, int(due * 1e6))))
             sequence += 1
         self.peer.sock.close()
 

@@ -66,7 +66,7 @@ def main():
             processes.append(subprocess.Popen(["curl", "-sN", "-o", "/dev/null", "--http1.1", "-H", "Upgrade: websocket", "-H",
                                                "Connection: Upgrade", "-H", "Sec-WebSocket-Version: 13", "-H",
                                                "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", "-H",
-                                               "Sec-WebSocket-Protocol: eigencast.v1",
+                                               "Sec-WebSocket-Protocol: eigencast.v2",
                                                f"http://127.0.0.1:{port}/v1/subscribe/live/torus?rate=raw"]))
         time.sleep(4)
 

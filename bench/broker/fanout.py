@@ -133,7 +133,7 @@ def late_joiners(tools):
         took = []
         while running.is_alive() and len(took) < 40:
             start = time.monotonic()
-            viewer = Peer(server.port, "/v1/subscribe/s0?rate=raw", "eigencast.v1")
+            viewer = Peer(server.port, "/v1/subscribe/s0?rate=raw", "eigencast.v2")
             while viewer.receive()[0] != BINARY:
                 pass
             took.append(1000 * (time.monotonic() - start))

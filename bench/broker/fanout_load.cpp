@@ -115,6 +115,17 @@ std::string filled(std::string text, std::size_t number, std::size_t stream) {
   return text;
 }
 
+// Numbers of frames are varints of nine bytes, which begin at 2^56 (payloads.py, WIDE), so that frames have one size.
+void put_number(char* to, std::uint64_t value) {
+  for (int i = 0; i < 8; ++i) to[i] = static_cast<char>(0x80 | (value >> 7 * i & 0x7f));
+  to[8] = static_cast<char>(1);
+}
+std::uint64_t number_at(const char* from) {
+  std::uint64_t value = 0;
+  for (int i = 0; i < 8; ++i) value |= std::uint64_t{static_cast<unsigned char>(from[i]) & 0x7fU} << 7 * i;
+  return value;
+}
+
 std::string masked_frame(int opcode, std::string_view payload) {
   constexpr char kMask[] = {0x37, 0x7a, 0x21, 0x3d};
   std::string frame(1, static_cast<char>(0x80 | opcode));
@@ -432,8 +443,8 @@ class Load {
   void send(Publisher& publisher, std::size_t stream, TimeUs due_us) {
     std::string body = scenario_.frame;
     const std::uint64_t sequence = publisher.sequence | std::uint64_t{stream} << 48;
-    std::memcpy(&body[scenario_.sequence_at], &sequence, sizeof sequence);
-    std::memcpy(&body[scenario_.time_at], &due_us, sizeof due_us);
+    put_number(&body[scenario_.sequence_at], sequence);
+    put_number(&body[scenario_.time_at], static_cast<std::uint64_t>(due_us));
     publisher.out += masked_frame(2, scenario_.prefix + body + scenario_.suffix);
     flush(publisher);
     if (due_us < window_us_[0]) return;
@@ -483,10 +494,9 @@ class Load {
   }
 
   void take(Subscriber& subscriber, std::string_view frame, TimeUs now) {
-    std::uint64_t sequence = 0;
-    TimeUs due_us = 0;
-    std::memcpy(&sequence, &frame[scenario_.sequence_at], sizeof sequence);
-    std::memcpy(&due_us, &frame[scenario_.time_at], sizeof due_us);
+    const std::size_t wide_id = (frame[1] & 0x80) != 0 ? 1 : 0;  // The broker's id of the stream takes two bytes.
+    const std::uint64_t sequence = number_at(&frame[scenario_.sequence_at + wide_id]);
+    const auto due_us = static_cast<TimeUs>(number_at(&frame[scenario_.time_at + wide_id]));
     ++arrived_;
     std::uint64_t& next = subscriber.next[(sequence >> 48) % subscriber.next.size()];
     if (next != 0 && sequence < next) ++out_of_order_;

@@ -71,8 +71,7 @@ class Token:
         self.text = made.stdout.strip()
 
 
-# Where a frame of the broker's holds its sequence and its capture time (docs/protocol.md, "Envelope").
-FRAME_FIELDS = {"sequence_at": 11, "time_at": 19}
+FRAME_FIELDS = {"sequence_at": payloads.SEQUENCE_AT, "time_at": payloads.TIME_AT}
 SUBPROTOCOL = "Sec-WebSocket-Protocol: "
 
 
@@ -174,7 +173,7 @@ class Server:
     def viewers(self, subscribers, seconds, warm_s):
         """Viewers of s0, whose sender is another process and comes later; see started()."""
         return self.started({"publish": False, "subscribers": subscribers, "seconds": seconds, "warm_s": warm_s,
-                             "subscriber": role("/v1/subscribe/s0?rate=raw", "eigencast.v1", ready=[b'"waiting"'.hex()])})
+                             "subscriber": role("/v1/subscribe/s0?rate=raw", "eigencast.v2", ready=[b'"waiting"'.hex()])})
 
     def spoken(self, headers, streams=1, several=False, **_):
         """How this server is spoken to. several: each connection watches all streams."""
@@ -182,10 +181,10 @@ class Server:
             return {**PEERS[self.kind], "frame": (MAGIC + self.tools.frame[len(MAGIC):]).hex(), "magic": MAGIC.hex()}
         if self.kind == "bare":
             return {"subscriber": role("/sub"), "publisher": role("/pub")}
-        subscribe = role("/v1/subscribe/s{s}?rate=raw", "eigencast.v1", ready=[b'"waiting"'.hex()], headers=headers)
+        subscribe = role("/v1/subscribe/s{s}?rate=raw", "eigencast.v2", ready=[b'"waiting"'.hex()], headers=headers)
         if several:
             hello = [json.dumps({"op": "subscribe", "stream": f"s{stream}", "profile": {"rate": "raw"}}) for stream in range(streams)]
-            subscribe = role("/v1/subscribe", "eigencast.v1", [text.encode().hex() for text in hello],
+            subscribe = role("/v1/subscribe", "eigencast.v2", [text.encode().hex() for text in hello],
                              [f'"stream":"s{stream}"'.encode().hex() for stream in range(streams)])
-        return {"subscriber": subscribe, "publisher": role("/v1/publish/s{s}", "eigencast.v1", [self.tools.announce.encode().hex()],
+        return {"subscriber": subscribe, "publisher": role("/v1/publish/s{s}", "eigencast.v2", [self.tools.announce.encode().hex()],
                                                            [b'"announced"'.hex()], headers=headers)}

@@ -23,7 +23,7 @@ def connect(port, path, hello, ready):
     sock = socket.create_connection(("127.0.0.1", port))
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     sock.sendall((f"GET {path} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-                  "Sec-WebSocket-Key: x3JJHMbDL1EzLkh9GBhXDw==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n").encode())
+                  "Sec-WebSocket-Key: x3JJHMbDL1EzLkh9GBhXDw==\r\nSec-WebSocket-Protocol: eigencast.v2\r\n\r\n").encode())
     read_until(sock, b"\r\n\r\n")
     if hello:
         sock.sendall(framed(0x81, hello.encode()))
@@ -58,7 +58,7 @@ def real_keys(tools, count):
         with Server(tools, "broker") as server:
             play = subprocess.Popen([sender, "play", what, "--to", f"ws://127.0.0.1:{server.port}/motion", "--rate", str(RATE)],
                                     stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            viewer = Peer(server.port, "/v1/subscribe/motion?rate=raw", "eigencast.v1")
+            viewer = Peer(server.port, "/v1/subscribe/motion?rate=raw", "eigencast.v2")
             viewer.sock.settimeout(60)
             frames = []
             while len(frames) < count:

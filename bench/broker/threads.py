@@ -25,7 +25,7 @@ import payloads
 from harness import free_port, wait_for_port
 from websocket_peer import BINARY, PING, PONG, TEXT, Broker, Peer, frame
 
-SIZE, SUBPROTOCOL = 600, "eigencast.v1"
+SIZE, SUBPROTOCOL = 600, "eigencast.v2"
 WIRE = SIZE + 4  # With the header of a WebSocket frame.
 
 
@@ -50,8 +50,7 @@ class Sender(threading.Thread):
         start = time.monotonic()
         while not self.over:
             self.sent += 1
-            stamped = self.template[:11] + self.sent.to_bytes(8, "little") + (1_000_000 + self.sent * 1000).to_bytes(8, "little")
-            self.peer.send(frame(BINARY, stamped + self.template[27:]))
+            self.peer.send(frame(BINARY, payloads.stamped(self.template, self.sent, 1_000_000 + self.sent * 1000)))
             time.sleep(max(0, start + self.sent / self.rate - time.monotonic()))
 
 

@@ -15,7 +15,10 @@ import struct
 import sys
 import time
 
-from common import Stage, lines_of, parser, plt, write_picture, write_table
+from common import ROOT, Stage, lines_of, parser, plt, write_picture, write_table
+
+sys.path.insert(0, str(ROOT / "bench/broker"))
+import payloads
 
 RANK = 200  # The senders' default.
 SECONDS = 3
@@ -32,7 +35,7 @@ class Viewer:
         key = base64.b64encode(os.urandom(16)).decode()
         self.socket.sendall(
             f"GET /v1/subscribe/{stream}?rate=raw HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n".encode()
+            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v2\r\n\r\n".encode()
         )
         self.buffer = b""
         while b"\r\n\r\n" not in self.buffer:
@@ -41,7 +44,7 @@ class Viewer:
         if b" 101 " not in head.split(b"\r\n", 1)[0]:
             raise RuntimeError("the broker said " + head.decode(errors="replace"))
         self.socket.setblocking(False)
-        self.bytes = 0
+        self.bytes, self.chain = 0, payloads.Chain()
 
     def read(self):
         chunk = self.socket.recv(1 << 20)
@@ -57,9 +60,9 @@ class Viewer:
                 size, at = struct.unpack(wide[0], self.buffer[2 : 2 + wide[1]])[0], 2 + wide[1]
             if len(self.buffer) < at + size:
                 return
-            if self.buffer[0] & 15 == 2 and self.buffer[at] & 7 == 1:  # A key, which says when it was captured.
-                captured_us = struct.unpack("<Q", self.buffer[at + 19 : at + 27])[0]
-                self.bytes += at + size if captured_us in self.window else 0
+            head = self.chain.read(self.buffer[at : at + size]) if self.buffer[0] & 15 == 2 else None
+            if head and head.kind == payloads.KEY:  # Which says when it was captured.
+                self.bytes += at + size if head.capture_us in self.window else 0
             self.buffer = self.buffer[at + size :]
 
 

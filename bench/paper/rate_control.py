@@ -11,7 +11,8 @@ import time
 
 from common import ROOT, Stage, clip_argument, np, parser, plt, write_picture, write_table
 
-sys.path.insert(0, str(ROOT / "tests/support"))
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
+import payloads
 from websocket_peer import BINARY, Peer
 
 CLIPS = ("horse-gallop", "elephant-gallop", "human-walk")
@@ -19,7 +20,6 @@ TARGETS = (None, 30, 20, 12)  # kbit/s; None: as the error bound takes.
 RATE, SETTLING = 30, 6
 HEADER = ["clip", "target kbit/s", "kbit/s", "off %", "of a second, least", "most", "spacing, median", "largest change of a frame, octaves",
           "octaves wandered a second", "least bands"]
-FIRST_PAYLOAD_BYTE = 27  # After the envelope: the spacing of levels in its upper six bits.
 
 
 class Viewer(threading.Thread):
@@ -27,16 +27,16 @@ class Viewer(threading.Thread):
 
     def __init__(self, port, stream, seconds):
         super().__init__(daemon=True)
-        self.frames, self.seconds = [], seconds
-        self.peer = Peer(port, f"/v1/subscribe/{stream}?rate=raw", "eigencast.v1")
+        self.frames, self.seconds, self.chain = [], seconds, payloads.Chain()
+        self.peer = Peer(port, f"/v1/subscribe/{stream}?rate=raw", "eigencast.v2")
         self.peer.sock.settimeout(60)
 
     def run(self):
         while not self.frames or self.frames[-1][0] - self.frames[0][0] < self.seconds * 1e6:
             opcode, payload = self.peer.receive()
-            if opcode == BINARY and payload[0] & 7 == 1:
-                capture_us = int.from_bytes(payload[19:27], "little")
-                self.frames.append((capture_us, len(payload), payload[FIRST_PAYLOAD_BYTE] >> 2, payload[1].bit_count()))
+            head = self.chain.read(payload) if opcode == BINARY else None
+            if head and head.kind == payloads.KEY:
+                self.frames.append((head.capture_us, len(payload), payload[head.size] >> 2, head.bands.bit_count()))
 
 
 def row_of(clip, target, frames):

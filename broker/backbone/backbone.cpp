@@ -19,17 +19,13 @@ constexpr double kRowBytesPerUs = 28;  ///< JSON at its worst.
 /// What heartbeats say.
 constexpr char kAlive = '+', kStopped = '-', kAsksForRows = '?';
 
-Bytes message_of(FrameKind kind, BandMask bands, std::uint32_t epoch, const KeyRecord& record, ByteView payload) {
+/// A frame behind its Follower::kHeadBytes.
+Bytes message_of(std::uint32_t epoch, std::uint64_t sequence, ByteView frame) {
   Bytes message;
-  message.reserve(Envelope::kBytes + payload.size());
-  append_envelope({.kind = kind,
-                   .bands = bands,
-                   .step = {},
-                   .epoch = epoch,
-                   .sequence = record.sequence,
-                   .capture_us = record.capture_us},
-                  message);
-  ByteWriter(message).bytes(payload);
+  ByteWriter out(message);
+  out.u32(epoch);
+  out.u64(sequence);
+  out.bytes(frame);
   return message;
 }
 
@@ -322,8 +318,7 @@ void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
   found->second.join.clear();
   if (!connected_) return;
   link_.publish(settings_.prefix + ".frames." + settings_.id + "." + token_from_stream(stream.name()),
-                message_of(record->join ? FrameKind::kJoin : FrameKind::kKey, record->bands, stream.epoch(), *record,
-                           record->payload));
+                message_of(stream.epoch(), record->sequence, record->frame()));
   ++totals_.frames_published;
 }
 
@@ -348,9 +343,9 @@ void Backbone::answer_join(ByteView request, const Link::Reply& reply) {
   }
   if (found->second.join.empty()) {
     const KeyRecord& newest = *found->second.newest;
-    const auto payload = encode_join(found->second.layout, *newest.after);
-    if (!payload) return reply({});
-    found->second.join = message_of(FrameKind::kJoin, newest.after->newer.bands, epoch, newest, *payload);
+    const auto join = newest.join_frame(found->second.layout);
+    if (!join) return reply({});
+    found->second.join = message_of(epoch, newest.sequence, *join);
     ++totals_.joins_encoded;
   }
   ++totals_.joins_answered;

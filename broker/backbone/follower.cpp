@@ -10,15 +10,15 @@ namespace eigencast::broker {
 
 std::vector<Bytes> Follower::take(Bytes message) {
   std::vector<Bytes> out;
-  const auto frame = parse_frame(message);
-  const bool usable = frame && frame->envelope.epoch == epoch_ &&
-                      (frame->envelope.kind == FrameKind::kKey || frame->envelope.kind == FrameKind::kJoin) &&
-                      (!newest_ || frame->envelope.sequence > *newest_);
-  if (!usable) {
+  ByteReader in(message);
+  const std::uint32_t epoch = in.u32();
+  const std::uint64_t sequence = in.u64();
+  const auto frame = parse_frame(in.bytes(in.remaining()));
+  if (!frame || !frame->envelope.is_key() || epoch != epoch_ || (newest_ && sequence <= *newest_)) {
     ++dropped_;
     return out;
   }
-  const std::uint64_t sequence = frame->envelope.sequence;
+  message.erase(message.begin(), message.begin() + kHeadBytes);
   if (frame->envelope.kind == FrameKind::kJoin) {
     joined_ = true;
     asked_us_.reset();
@@ -34,7 +34,7 @@ std::vector<Bytes> Follower::take(Bytes message) {
   kept_.push_back({sequence, std::move(message)});
   const auto bytes = [this] {
     return std::accumulate(kept_.begin(), kept_.end(), std::size_t{0},
-                           [](std::size_t sum, const Kept& kept) { return sum + kept.message.size(); });
+                           [](std::size_t sum, const Kept& kept) { return sum + kept.frame.size(); });
   };
   for (; kept_.size() > kMaxKept || bytes() > kMaxKeptBytes; ++dropped_) kept_.pop_front();
   if (joined_) drain(out);
@@ -46,7 +46,7 @@ void Follower::drain(std::vector<Bytes>& out) {
     if (kept_.front().sequence > *newest_ + 1) return restart();
     if (kept_.front().sequence == *newest_ + 1) {
       newest_ = kept_.front().sequence;
-      out.push_back(std::move(kept_.front().message));
+      out.push_back(std::move(kept_.front().frame));
     }
     kept_.pop_front();
   }

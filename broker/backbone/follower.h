@@ -12,16 +12,17 @@ namespace eigencast::broker {
 
 /// Restores the order of the messages of one epoch of a remote stream: a join, then consecutive keys. Published keys
 /// may be lost; joins come on request, before or after them. Keeps the last kMaxKept keys while a join is awaited,
-/// and of them no more than kMaxKeptBytes.
+/// and of them no more than kMaxKeptBytes. A message is epoch u32, sequence u64, and a frame without id and tag.
 /// Not thread-safe.
 class Follower {
  public:
   static constexpr std::size_t kMaxKept = 64, kMaxKeptBytes = 4u << 20;
+  static constexpr std::size_t kHeadBytes = 12;
   static constexpr TimeUs kJoinTimeoutUs = 500'000;
 
   explicit Follower(std::uint32_t epoch) : epoch_(epoch) {}
 
-  /// Returns the messages that can be used now, in order; drops other epochs, duplicates and malformed messages.
+  /// Returns the frames that can be used now, in order; drops other epochs, duplicates and malformed messages.
   std::vector<Bytes> take(Bytes message);
 
   /// Whether to request a join now; false while a request is pending.
@@ -35,7 +36,7 @@ class Follower {
  private:
   struct Kept {
     std::uint64_t sequence;
-    Bytes message;
+    Bytes frame;
   };
   void drain(std::vector<Bytes>& out);
 

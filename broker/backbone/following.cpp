@@ -206,7 +206,7 @@ void Following::take(Remote& remote, Bytes message) {
   }
   const std::uint64_t dropped = remote.follower.dropped();
   for (const Bytes& frame : remote.follower.take(std::move(message))) {
-    if (const auto added = remote.stream->add_frame(frame, environment_.now_us()); !added) {
+    if (const auto added = remote.stream->take_frame(*parse_frame(frame), environment_.now_us()); !added) {
       environment_.warn("stream '" + remote.stream->name() +
                         "': a frame of another broker is refused, asking for a join: " + added.error().message);
       remote.follower.restart();

@@ -128,7 +128,7 @@ void Publisher::begin(const control::Announce& announce, const std::string& secr
   log(context().log, LogLevel::kInfo,
       name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
-  send(control::Announced{name_, stream_->id(), *epoch, secret});
+  send(control::Announced{name_, stream_->id(), *epoch, stream_->tag(), secret});
   report_count();
   request_trace();
 }

@@ -42,6 +42,21 @@ std::pair<std::uint64_t, std::uint8_t> order_of(const Frame& frame) {
   return {frame.envelope.sequence, frame.envelope.step.at};
 }
 
+Bytes frame_without_id(const KeyRecord& record, bool join, BandMask bands, ByteView payload) {
+  const ChainClock before = record.clock_before();
+  Bytes out;
+  out.reserve(Envelope::kMaxBytes + payload.size());
+  append_envelope({.kind = join ? FrameKind::kJoin : FrameKind::kKey,
+                   .bands = bands,
+                   .step = {},
+                   .sequence = record.sequence,
+                   .capture_us = record.capture_us,
+                   .age_us = join ? record.after->age_us : 0},
+                  &before, out);
+  ByteWriter(out).bytes(payload);
+  return out;
+}
+
 constexpr std::int64_t kFormBytes = 2048;  ///< Of a stream or feed without coefficients.
 
 /// Bytes of a value in a key, and of one that is coded, at most.
@@ -80,6 +95,20 @@ std::int64_t encoded_bytes(const CoefficientLayout& layout, const Profile& profi
 double encoding_us(const CoefficientLayout& layout, std::size_t bytes) {
   const double bytes_us = layout.is_float() ? 0 : static_cast<double>(bytes) / kEncodedBytesPerUs;
   return static_cast<double>(layout.size()) / kEncodedPerUs + bytes_us;
+}
+
+ChainClock KeyRecord::clock_before() const {
+  return {sequence - 1, capture_us - after->age_us, before ? before->age_us : 0};
+}
+
+Bytes KeyRecord::frame() const {
+  return frame_without_id(*this, join, bands, payload);
+}
+
+Result<Bytes> KeyRecord::join_frame(const CoefficientLayout& layout) const {
+  const auto state = encode_join(layout, *after);
+  if (!state) return state.error();
+  return frame_without_id(*this, true, after->newer.bands, *state);
 }
 
 Feed::Feed(const Profile& profile, const Source& source, Payer payer)
@@ -171,7 +200,7 @@ void Feed::pump_compact(const Pacer::Due& due, bool overtaken, std::vector<Frame
   while (!pending_.empty() && pending_.front()->sequence <= due.sequence) emit_pending_ahead(out);
   if (!last_emitted_ || last_emitted_->sequence != due.sequence || !steps_pending_) return;
   if (!overtaken) {
-    out.push_back(make_frame(envelope(FrameKind::kStep, *last_emitted_, &due), {}));
+    out.push_back(make_frame(envelope(FrameKind::kStep, *last_emitted_, &due), nullptr, {}));
   }
   if (due.at < due.of) return;
   steps_pending_ = false;
@@ -190,11 +219,12 @@ void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePt
   Envelope head = envelope(record->join ? FrameKind::kJoin : FrameKind::kKey, *record);
   head.bands = record->bands & mask_;
   head.flags = flags;
+  const ChainClock newest = record->clock_before();
   if (head.bands == record->bands) {
-    out.push_back(make_frame(head, record->payload));
+    out.push_back(make_frame(head, &newest, record->payload));
     out.back()->times.arrival_us = record->arrival_us;
   } else if (const auto cut = cut_bands(source_.layout, record->join, record->bands, mask_, record->payload)) {
-    out.push_back(make_frame(head, *cut));
+    out.push_back(make_frame(head, &newest, *cut));
   } else {
     ++failed_poses_;  // Receivers miss this key and get a join next.
   }
@@ -210,12 +240,12 @@ void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::v
 void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
   if (!last_emitted_ || last_emitted_->sequence != due.sequence || !last_emitted_->before) return;
   const Envelope head = envelope(FrameKind::kEstimate, *last_emitted_, &due);
-  if (profile_.form == Profile::Form::kCompact) return out.push_back(make_frame(head, {}));
+  if (profile_.form == Profile::Form::kCompact) return out.push_back(make_frame(head, nullptr, {}));
   const ChainState& state = *last_emitted_->after;
   const bool damped = profile_.scheme == Profile::Scheme::kDamped;
   if (!payer_(0)) return emit_made(nullptr, out);
   const auto pose = estimate_keys(source_.layout, state.older, state.newer, damped, due.at, due.of);
-  emit_made(made(head, last_emitted_->half_spacing, state, pose), out);
+  emit_made(made(head, nullptr, last_emitted_->half_spacing, state, pose), out);
 }
 
 void Feed::emit_made(FramePtr frame, std::vector<FramePtr>& out) {
@@ -225,11 +255,13 @@ void Feed::emit_made(FramePtr frame, std::vector<FramePtr>& out) {
 
 FramePtr Feed::synthetic(const KeyRecord& record, const Pacer::Due& due) {
   if (!payer_(0)) return nullptr;
-  return made(envelope(FrameKind::kSynthetic, record, &due), record.half_spacing, *record.before,
+  const ChainClock newest = record.clock_before();
+  return made(envelope(FrameKind::kSynthetic, record, &due), &newest, record.half_spacing, *record.before,
               pose_between(record, due));
 }
 
-FramePtr Feed::made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const {
+FramePtr Feed::made(Envelope head, const ChainClock* newest, std::uint8_t key_spacing, const ChainState& state,
+                    Result<Key> pose) const {
   std::optional<Bytes> payload;
   if (pose) {
     const unsigned half_spacing =
@@ -240,7 +272,7 @@ FramePtr Feed::made(Envelope head, std::uint8_t key_spacing, const ChainState& s
       payload = *std::move(coded);
   }
   payer_(encoding_us(source_.layout, payload ? payload->size() : 0));
-  return payload ? make_frame(head, *payload) : nullptr;
+  return payload ? make_frame(head, newest, *payload) : nullptr;
 }
 
 void Feed::prepare() {
@@ -321,7 +353,7 @@ FramePtr Feed::join() {
   Envelope head = envelope(FrameKind::kJoin, *last_emitted_);
   head.bands = bands & mask_;
   head.flags = steps_pending_ ? Envelope::kAhead : std::uint8_t{0};
-  join_ = make_frame(head, *payload);
+  join_ = make_frame(head, nullptr, *payload);
   return join_;
 }
 
@@ -332,7 +364,9 @@ Envelope Feed::envelope(FrameKind kind, const KeyRecord& record, const Pacer::Du
           .stream_id = source_.stream_id,
           .epoch = source_.epoch,
           .sequence = record.sequence,
-          .capture_us = due != nullptr ? due->capture_us : record.capture_us};
+          .capture_us = due != nullptr ? due->capture_us : record.capture_us,
+          .tag = source_.tag,
+          .age_us = kind == FrameKind::kJoin ? record.after->age_us : 0};
 }
 
 void Feed::set_last_emitted(KeyRecordPtr record) {

@@ -33,6 +33,13 @@ struct KeyRecord {
   std::shared_ptr<const ChainState> before;  ///< Null where the chain restarts: receivers need a join.
   std::shared_ptr<const ChainState> after;
   Bytes payload;  ///< As it came.
+
+  ChainClock clock() const { return {sequence, capture_us, after->age_us}; }
+  ChainClock clock_before() const;  ///< What receivers know before the key comes.
+  /// As recordings and other brokers get it, without id and tag: the key as it came ...
+  Bytes frame() const;
+  /// ... or `after` as a join. Errors: as encode_join.
+  Result<Bytes> join_frame(const CoefficientLayout& layout) const;
 };
 using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 
@@ -60,6 +67,7 @@ class Feed {
     VelocityChannels velocities;
     std::uint32_t stream_id = 0;
     std::uint32_t epoch = 0;
+    std::uint8_t tag = 0;
     TimeUs max_span_us = 500'000;   ///< Keys further apart are not bridged.
     TimeUs max_ahead_us = 200'000;  ///< Estimates end this long after the newest key.
   };
@@ -104,7 +112,8 @@ class Feed {
   void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
   FramePtr synthetic(const KeyRecord& record, const Pacer::Due& due);
   /// A pose that nothing builds on, encoded more coarsely than a key of `key_spacing`, in the profile's bands.
-  FramePtr made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const;
+  FramePtr made(Envelope head, const ChainClock* newest, std::uint8_t key_spacing, const ChainState& state,
+                Result<Key> pose) const;
   FramePtr take_prepared(const Pacer::Due& due);
   void emit_made(FramePtr frame, std::vector<FramePtr>& out);
   Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);

@@ -22,7 +22,6 @@ struct Frame : std::enable_shared_from_this<Frame> {
   Envelope envelope;
   Bytes wire;                     ///< WebSocket header and message, as written to every socket.
   std::size_t message_begin = 0;  ///< Offset of the message.
-  bool is_key = false;            ///< Or a join: later frames build on it.
   std::uint64_t builds_on = 0;    ///< The newest key that a receiver must have, unless it is a join.
   mutable FrameTimes times;       ///< The only mutable part; belongs to the event loop.
 
@@ -30,19 +29,23 @@ struct Frame : std::enable_shared_from_this<Frame> {
 };
 using FramePtr = std::shared_ptr<const Frame>;
 
-inline FramePtr make_frame(const Envelope& envelope, ByteView payload) {
+/// `newest`: see append_envelope.
+inline FramePtr make_frame(const Envelope& envelope, const ChainClock* newest, ByteView payload) {
   auto frame = std::make_shared<Frame>();
   frame->envelope = envelope;
-  frame->is_key = envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin;
   // The next key builds on it, a synthetic pose leads to the next key, steps and estimates start at it
   // (docs/protocol.md, section 5).
   const bool leads = envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kSynthetic;
   frame->builds_on = envelope.sequence - (leads ? 1 : 0);
-  frame->wire.reserve(websocket::kMaxHeaderBytes + Envelope::kBytes + payload.size());
-  websocket::append_header(websocket::Opcode::kBinary, Envelope::kBytes + payload.size(), frame->wire);
+  Bytes head;
+  head.reserve(Envelope::kMaxBytes);
+  append_envelope(envelope, newest, head);
+  ByteWriter writer(frame->wire);
+  frame->wire.reserve(websocket::kMaxHeaderBytes + head.size() + payload.size());
+  websocket::append_header(websocket::Opcode::kBinary, head.size() + payload.size(), frame->wire);
   frame->message_begin = frame->wire.size();
-  append_envelope(envelope, frame->wire);
-  frame->wire.insert(frame->wire.end(), payload.begin(), payload.end());
+  writer.bytes(head);
+  writer.bytes(payload);
   return frame;
 }
 

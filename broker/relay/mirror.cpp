@@ -44,7 +44,7 @@ void MirrorOrigin::follow(Hub& hub, std::size_t loop, const MirrorRequest& reque
   followed.stream = *stream;
   followed.trace_every[loop] = 0;
   followed.stream->set_mirrored(true);
-  push(loop, {followed.stream->id(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
+  push(loop, {followed.stream->share(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
   followed.stream->report_count();
 }
 
@@ -60,20 +60,20 @@ void MirrorOrigin::release_stream(Hub& hub, std::size_t loop, Followed& followed
 
 void MirrorOrigin::on_announced(const Stream& stream) {
   if (followed_.empty()) return;
-  broadcast(stream, {stream.id(), std::make_shared<const Snapshot>(stream.snapshot())});
+  broadcast(stream, {stream.share(), std::make_shared<const Snapshot>(stream.snapshot())});
 }
 
 void MirrorOrigin::on_key(const Stream& stream, const KeyRecordPtr& record) {
-  if (!followed_.empty()) broadcast(stream, {stream.id(), record});
+  if (!followed_.empty()) broadcast(stream, {stream.share(), record});
 }
 
 void MirrorOrigin::on_stalled(const Stream& stream) {
-  broadcast(stream, {stream.id(), MirrorEvent::Stalled{}});
+  broadcast(stream, {stream.share(), MirrorEvent::Stalled{}});
 }
 
 void MirrorOrigin::on_trace(const Stream& stream, const control::Trace& trace) {
   if (followed_.empty()) return;
-  broadcast(stream, {stream.id(), std::make_shared<const control::Trace>(trace)});
+  broadcast(stream, {stream.share(), std::make_shared<const control::Trace>(trace)});
 }
 
 void MirrorOrigin::broadcast(const Stream& stream, const MirrorEvent& event) {
@@ -109,7 +109,8 @@ void MirrorOrigin::catch_up(std::size_t loop) {
   channel.behind = false;
   for (const auto& [name, followed] : followed_) {
     if (!followed.trace_every.contains(loop)) continue;
-    channel.waiting.push_back({followed.stream->id(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
+    channel.waiting.push_back(
+        {followed.stream->share(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
     channel.sent += cost_of(channel.waiting.back());
   }
 }
@@ -172,7 +173,7 @@ void MirrorSet::flush(Hub& hub) {
 
 void MirrorSet::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
   for (const MirrorEvent& event : events) {
-    const auto found = mirrors_.find(event.stream_id);
+    const auto found = mirrors_.find(event.share->id);
     if (found == mirrors_.end()) continue;
     Mirror& mirror = *found->second;
     Stream& stream = mirror.stream;

@@ -20,7 +20,7 @@ namespace eigencast::broker {
 struct MirrorEvent {
   struct Stalled {};
   using TracePtr = std::shared_ptr<const control::Trace>;
-  std::uint32_t stream_id = 0;
+  std::shared_ptr<StreamShare> share;  ///< Keeps the stream's id from being used again meanwhile.
   /// SnapshotPtr: the answer to kFollow, and each announcement.
   std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr> what;
 };

@@ -43,7 +43,7 @@ void Outbox::open_lane(std::uint32_t stream_id) {
 void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) return;
-  if (frame->is_key) {
+  if (frame->envelope.is_key()) {
     skip(*lane, lane->key);
     if ((frame->envelope.flags & Envelope::kAhead) == 0) skip(*lane, lane->pose);  // It is shown as it comes.
     lane->key = frame;
@@ -123,10 +123,10 @@ void Outbox::drop_unsent(const FramePtr& frame) {
                 [&](const InFlight& sent) { return sent.sequence == head.sequence && sent.step == head.step; });
   FramePtr dropped = frame;
   const bool is_last =
-      !frame->is_key && !lane->key && (!lane->pose || lane->pose->envelope.capture_us < head.capture_us);
+      !head.is_key() && !lane->key && (!lane->pose || lane->pose->envelope.capture_us < head.capture_us);
   if (is_last) std::swap(dropped, lane->pose);
   skip(*lane, dropped);
-  if (!frame->is_key) return;
+  if (!head.is_key()) return;
   lane->newest.reset();
   lane->wants_join = true;
 }

@@ -162,7 +162,7 @@ inline bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, T
 }
 
 inline void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
-  if (frame.is_key) lane.newest = frame.envelope.sequence;
+  if (frame.envelope.is_key()) lane.newest = frame.envelope.sequence;
   lane.wants_join = false;
   ++lane.counts.sent;
   lane.last = {frame.envelope.sequence, frame.envelope.step, now_us};

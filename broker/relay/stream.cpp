@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <limits>
 #include <utility>
 
 #include "broker/relay/profile_budget.h"
@@ -52,6 +51,23 @@ Result<std::shared_ptr<void>> StreamShare::take_place(const std::string& holder,
                                         "few are free for one that holds more: try again later");
 }
 
+std::shared_ptr<StreamShare> StreamIds::new_share() {
+  const std::lock_guard lock(slots_->mutex);
+  auto& [mutex, last_tags, free] = *slots_;
+  if (free.empty()) {
+    if (last_tags.size() == max_ids_) return nullptr;
+    last_tags.push_back(0);
+    free.insert(static_cast<std::uint32_t>(last_tags.size()));
+  }
+  const std::uint32_t id = free.extract(free.begin()).value();
+  return {new StreamShare(id, last_tags[id - 1]), [slots = slots_](StreamShare* share) {
+            const std::lock_guard slots_lock(slots->mutex);
+            slots->last_tags[share->id - 1] = share->tag;
+            slots->free.insert(share->id);
+            delete share;
+          }};
+}
+
 Result<std::shared_ptr<void>> StreamIds::pay(const Charge& charge, const std::string& holder) {
   if (!waiting_.fits(holder, 1, max_waiting_)) {
     return fail(ErrorCode::kTooLarge, std::to_string(waiting_.used()) +
@@ -68,18 +84,14 @@ Result<std::shared_ptr<StreamShare>> StreamIds::of(std::string_view name, const 
   const std::lock_guard lock(mutex_);
   const auto found = shares_.find(name);
   auto share = found == shares_.end() ? nullptr : found->second.lock();
-  if (!share) {
-    if (last_ == std::numeric_limits<std::uint32_t>::max()) {
-      return fail(ErrorCode::kTooLarge, "this broker has given all its stream ids: restart it");
-    }
-    share = std::make_shared<StreamShare>(last_ + 1);
-  }
+  const bool is_new = !share;
+  if (is_new && !(share = new_share()))
+    return fail(ErrorCode::kTooLarge, "all " + std::to_string(max_ids_) + " stream ids are in use: stop a stream");
   const std::lock_guard share_lock(share->mutex);
   if (charge && !share->announced && !share->charge) {
     if (auto stored = store(share->charge, pay(charge, holder)); !stored) return stored.error();
   }
-  if (share->id <= last_) return share;
-  last_ = share->id;
+  if (!is_new) return share;
   if (shares_.size() >= sweep_at_) {
     std::erase_if(shares_, [](const auto& item) { return item.second.expired(); });
     sweep_at_ = 2 * shares_.size() + 64;
@@ -89,7 +101,7 @@ Result<std::shared_ptr<StreamShare>> StreamIds::of(std::string_view name, const 
 }
 
 Stream::Stream(std::string name, std::shared_ptr<StreamShare> share, const Settings& settings)
-    : name_(std::move(name)), share_(std::move(share)), id_(share_->id), settings_(settings) {}
+    : name_(std::move(name)), share_(std::move(share)), settings_(settings) {}
 
 Stream::~Stream() {
   watched_.clear();
@@ -134,7 +146,7 @@ void Stream::stall() {
 
 Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch, const std::string& resume) {
   resume_ = resume;
-  auto begun = restore({announce, epoch, true, nullptr});
+  auto begun = restore({announce, epoch, true, nullptr, ++share_->tag});
   if (begun) report_count();
   return begun;
 }
@@ -168,8 +180,24 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
   if (!present_.live) return fail(ErrorCode::kCorrupt, "a frame came before 'announce': announce the surface first");
   const auto frame = parse_frame(message);
   if (!frame) return frame.error();
-  const auto record = record_from(*frame, now_us);
-  if (!record) return in_context("frame " + std::to_string(frame->envelope.sequence), record.error());
+  if (frame->envelope.tag != present_.tag)
+    return fail(ErrorCode::kCorrupt, "tag " + std::to_string(frame->envelope.tag) + " is not that of 'announced', " +
+                                         std::to_string(present_.tag) + ": wait for it before the first frame");
+  return take_frame(*frame, now_us);
+}
+
+Result<void> Stream::take_frame(const WireFrame& frame, TimeUs now_us) {
+  if (!frame.envelope.is_key()) return fail(ErrorCode::kCorrupt, "a sender sends keys and joins only");
+  const KeyRecordPtr& newest = present_.newest;
+  const ChainClock clock = newest ? newest->clock() : ChainClock{};
+  const auto whole = resolved(frame, newest ? &clock : nullptr, present_.epoch);
+  if (!whole)
+    return fail(ErrorCode::kCorrupt, newest ? "a key must follow the one before it (newest is " +
+                                                  std::to_string(newest->sequence) + " at " +
+                                                  std::to_string(newest->capture_us) + " us): send a join after a gap"
+                                            : "the first frame after 'announce' must be a join");
+  const auto record = record_from(*whole, now_us);
+  if (!record) return in_context("frame " + std::to_string(whole->envelope.sequence), record.error());
   take_record(*record, now_us);
   return {};
 }
@@ -188,9 +216,6 @@ void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
 Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) const {
   const Envelope& head = frame.envelope;
   const KeyRecordPtr& newest = present_.newest;
-  if (head.kind != FrameKind::kKey && head.kind != FrameKind::kJoin) {
-    return fail(ErrorCode::kCorrupt, "a sender sends keys and joins only");
-  }
   if (head.flags != 0) return fail(ErrorCode::kCorrupt, "a sender's frames carry no flags");
   if (!layout_.all_bands().includes(head.bands) || !head.bands.has(0)) {
     return fail(ErrorCode::kCorrupt, "bands must be among those announced and include band 0");
@@ -202,21 +227,18 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     return fail(ErrorCode::kCorrupt,
                 "capture time must grow (newest is " + std::to_string(newest->capture_us) + " us)");
   }
-  const bool follows = newest && head.sequence == newest->sequence + 1;
   const bool join = head.kind == FrameKind::kJoin;
   std::uint8_t half_spacing = newest ? newest->half_spacing : 0;
   std::shared_ptr<const ChainState> before, after;
   if (join) {
     auto state = decode_join(layout_, head.bands, frame.payload);
     if (!state) return state.error();
-    if (follows && state->older == newest->after->newer) before = newest->after;
+    state->age_us = head.age_us;
+    const bool follows = newest && head.sequence == newest->sequence + 1;
+    if (follows && head.age_us == head.capture_us - newest->capture_us && state->older == newest->after->newer)
+      before = newest->after;
     after = std::make_shared<const ChainState>(std::move(*state));
   } else {
-    if (!follows) {
-      return fail(ErrorCode::kCorrupt, newest ? "a key must follow the one before it (newest is " +
-                                                    std::to_string(newest->sequence) + "): send a join after a gap"
-                                              : "the first frame after 'announce' must be a join");
-    }
     const ChainState& state = *newest->after;
     auto key = decode_key(layout_, head.bands, state, frame.payload);
     if (!key) return key.error();
@@ -296,7 +318,7 @@ std::optional<TimeUs> Stream::next_due_us() const {
 void Stream::relay_trace(const control::Trace& trace) {
   for (StreamTap* tap : settings_.taps) tap->on_trace(*this, trace);
   control::Trace relayed = trace;
-  relayed.stream_id = id_;
+  relayed.stream_id = id();
   relayed.epoch = present_.epoch;
   const std::string json = text_from_control(relayed);
   if (json.size() > limits::kMaxControlBytes) return;  // Numbers of this broker made it longer than viewers take.
@@ -349,8 +371,9 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   control::StreamInfo info;
   info.stream = name_;
   info.state = state();
-  info.stream_id = id_;
+  info.stream_id = id();
   info.epoch = present_.epoch;
+  info.tag = present_.tag;
   info.asset = present_.announced.asset;
   info.format = present_.announced.format;
   info.key_rate_hz = present_.announced.key_rate_hz;
@@ -391,8 +414,8 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
   if (!group) {
     const VelocityChannels velocities{present_.announced.format.velocity_channels,
                                       present_.announced.format.velocity_us};
-    group = std::make_unique<Group>(
-        profile, Feed::Source{layout_, velocities, id_, present_.epoch, settings_.max_span_us, settings_.max_ahead_us});
+    group = std::make_unique<Group>(profile, Feed::Source{layout_, velocities, id(), present_.epoch, present_.tag,
+                                                          settings_.max_span_us, settings_.max_ahead_us});
     group->memory = settings_.memory->encoded.hold(watcher.holder(), encoded_bytes(layout_, profile));
     if (present_.newest) group->feed.begin_at(present_.newest);
   }

@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -67,13 +68,14 @@ class StreamTap {
 
 /// State of one stream that all event loops share. Thread-safe.
 struct StreamShare {
-  explicit StreamShare(std::uint32_t given) : id(given) {}
+  explicit StreamShare(std::uint32_t given, std::uint8_t last_tag = 0) : id(given), tag(last_tag) {}
   void announce();
   /// A place among `max` watchers in all loops, until the pointer ends, before which the share must not.
   /// Errors: kTooLarge (none is free; the holder has its share).
   Result<std::shared_ptr<void>> take_place(const std::string& holder, std::uint32_t max);
   const std::uint32_t id;
-  Shares watchers;  ///< In all loops.
+  std::atomic<std::uint8_t> tag;  ///< Of the latest epoch.
+  Shares watchers;                ///< In all loops.
   std::mutex mutex;
   bool announced = false;        ///< GUARDED_BY(mutex)
   std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
@@ -95,26 +97,35 @@ struct StreamHolder {
   bool spared = false;    ///< May have more than its share.
 };
 
-/// Assigns stream ids: the same in every loop while any loop knows the name, and never reused. Thread-safe. Outlives
-/// the shares.
+/// Assigns stream ids, the lowest free one first: the same in every loop while any loop, or an event between loops,
+/// has the share. Tags go on where an id is used again, so that the last 255 epochs of an id differ. Thread-safe.
+/// Outlives the shares' charges.
 class StreamIds {
  public:
-  explicit StreamIds(std::int64_t max_waiting = 4096, std::uint32_t last = 0)
-      : max_waiting_(max_waiting), last_(last) {}
+  /// max_ids  frames take at most three bytes for an id; the limits of streams are below.
+  explicit StreamIds(std::int64_t max_waiting = 4096, std::uint32_t max_ids = (1U << 21) - 1)
+      : max_waiting_(max_waiting), max_ids_(max_ids) {}
   /// `charge`: of a viewer, taken if nobody has announced the stream and nobody pays for it yet, from the share of
   /// `holder`. Errors: kTooLarge (max_waiting, no ids left); those of `charge`.
   Result<std::shared_ptr<StreamShare>> of(std::string_view name, const Charge& charge = {},
                                           const std::string& holder = {});
 
  private:
+  struct Slots {  ///< Outlives all shares.
+    std::mutex mutex;
+    std::vector<std::uint8_t> last_tags;  ///< GUARDED_BY(mutex) By id - 1.
+    std::set<std::uint32_t> free;         ///< GUARDED_BY(mutex)
+  };
   Result<std::shared_ptr<void>> pay(const Charge& charge, const std::string& holder);
+  std::shared_ptr<StreamShare> new_share();  ///< Null: no id is free.
 
   const std::int64_t max_waiting_;
+  const std::uint32_t max_ids_;
+  const std::shared_ptr<Slots> slots_ = std::make_shared<Slots>();
   Shares waiting_;  ///< Of those who charges are of.
   std::mutex mutex_;
   std::map<std::string, std::weak_ptr<StreamShare>, std::less<>> shares_;  ///< GUARDED_BY(mutex_)
   std::size_t sweep_at_ = 64;                                              ///< GUARDED_BY(mutex_)
-  std::uint32_t last_;                                                     ///< GUARDED_BY(mutex_)
 };
 
 /// The state of a stream from which another event loop can continue.
@@ -123,6 +134,7 @@ struct Snapshot {
   std::uint32_t epoch = 0;  ///< 0: never announced.
   bool live = false;        ///< The sender is there.
   KeyRecordPtr newest;      ///< Null: no key of this epoch yet.
+  std::uint8_t tag = 0;     ///< Stands for the epoch in frames.
 };
 using SnapshotPtr = std::shared_ptr<const Snapshot>;
 
@@ -157,10 +169,12 @@ class Stream {
   const std::string& resume() const { return resume_; }
 
   /// Takes a binary message of the publisher and delivers the frames that follow from it. Ignores the envelope's stream
-  /// id and epoch. Errors, without a change: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md).
+  /// id. Errors, without a change: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md).
   Result<void> add_frame(ByteView message, TimeUs now_us);
   /// The same, but delivery waits for deliver(), so that a watcher gets the frames of several messages in one call.
   Result<void> take_frame(ByteView message, TimeUs now_us);
+  /// The same for a frame of any tag.
+  Result<void> take_frame(const WireFrame& frame, TimeUs now_us);
   void deliver();
   void prepare();
 
@@ -207,8 +221,10 @@ class Stream {
   control::StreamInfo info_for(const Watcher& watcher) const;
 
   const std::string& name() const { return name_; }
-  std::uint32_t id() const { return id_; }
+  std::uint32_t id() const { return share_->id; }
+  const std::shared_ptr<StreamShare>& share() const { return share_; }
   std::uint32_t epoch() const { return present_.epoch; }
+  std::uint8_t tag() const { return present_.tag; }
   const std::string& asset() const { return present_.announced.asset; }
   const control::Announce& announcement() const { return present_.announced; }
   const CoefficientLayout& layout() const { return layout_; }
@@ -271,7 +287,6 @@ class Stream {
 
   std::string name_;
   std::shared_ptr<StreamShare> share_;
-  std::uint32_t id_;
   Settings settings_;
   PublisherLink* publisher_ = nullptr;
   Snapshot present_;

@@ -52,24 +52,6 @@ std::string file_stem(std::string_view stream) {
   return stem + text;
 }
 
-Envelope envelope_of(const KeyRecord& record) {
-  Envelope head;
-  head.kind = record.join ? FrameKind::kJoin : FrameKind::kKey;
-  head.bands = record.bands;
-  head.sequence = record.sequence;
-  head.capture_us = record.capture_us;
-  return head;
-}
-
-/// The chain's state after a key as a join frame.
-Result<FramePtr> checkpoint_of(const CoefficientLayout& layout, Envelope head, const ChainState& after) {
-  auto payload = encode_join(layout, after);
-  if (!payload) return payload.error();
-  head.kind = FrameKind::kJoin;
-  head.bands = after.newer.bands;
-  return make_frame(head, *payload);
-}
-
 }  // namespace
 
 struct Recorder::Session {
@@ -99,11 +81,10 @@ struct Recorder::Item {
   enum class Kind { kAnnounce, kKey, kEnd } kind = Kind::kKey;
   SessionPtr session{};
   TimeUs arrival_us = 0;
-  Envelope head{};                                 ///< kKey
-  FramePtr frame{};                                ///< The key, without its state. Null: the checkpoint bridges it.
-  std::shared_ptr<const ChainState> checkpoint{};  ///< The state after it. Null: none is due.
-  std::uint64_t dropped = 0;                       ///< Keys dropped before this one.
-  control::Announce announced{};                   ///< kAnnounce
+  Bytes frame{};                  ///< kKey. Empty: the checkpoint bridges it.
+  KeyRecord state{};              ///< kKey, for a checkpoint: without payload. Without `after`: none is due.
+  std::uint64_t dropped = 0;      ///< Keys dropped before this one.
+  control::Announce announced{};  ///< kAnnounce
   CoefficientLayout layout{};
   std::string holder{};
   std::int64_t bytes = 0;
@@ -209,13 +190,17 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
     return;
   }
   session.wants_checkpoint = false;
-  const Envelope head = envelope_of(*record);
-  if (checkpoint) session.checkpoint_us = record->arrival_us;
+  KeyRecord state;
+  if (checkpoint) {
+    session.checkpoint_us = record->arrival_us;
+    state.sequence = record->sequence;
+    state.capture_us = record->capture_us;
+    state.after = record->after;
+  }
   push({.session = found->second,
         .arrival_us = record->arrival_us,
-        .head = head,
-        .frame = gap ? nullptr : make_frame(head, record->payload),
-        .checkpoint = checkpoint ? record->after : nullptr,
+        .frame = gap ? Bytes() : record->frame(),
+        .state = std::move(state),
         .dropped = std::exchange(session.dropped, 0),
         .holder = stream.payer(),
         .bytes = bytes});
@@ -410,11 +395,11 @@ void Recorder::write_key(const Item& item) {
     const std::string dropped = std::to_string(item.dropped) + " frames dropped";
     log(log_, LogLevel::kWarning, "recording of '" + session.stream + "': the disk is behind, " + dropped);
   }
-  if (item.frame) (void)session.writer->frame(time_us, item.frame->message());
-  if (item.checkpoint) {
-    const auto join = checkpoint_of(session.layout, item.head, *item.checkpoint);
+  if (!item.frame.empty()) (void)session.writer->frame(time_us, item.frame);
+  if (item.state.after) {
+    const auto join = item.state.join_frame(session.layout);
     if (!join) return fail_session(session, join.error());
-    (void)session.writer->checkpoint(time_us, (*join)->message());
+    (void)session.writer->checkpoint(time_us, *join);
   }
 }
 

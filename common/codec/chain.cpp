@@ -153,7 +153,6 @@ struct Head {
   std::optional<std::uint8_t> step;  ///< Absent (keys and synthetic poses): that of the state's newer key.
   std::uint8_t older_step = 0;       ///< Joins only.
   BandMask older_bands;              ///< Joins only.
-  TimeUs age_us = 0;                 ///< Joins only.
 };
 
 void append_head(const CoefficientLayout& layout, bool join, const Head& head, ByteWriter& writer) {
@@ -163,7 +162,6 @@ void append_head(const CoefficientLayout& layout, bool join, const Head& head, B
   if (!join) return;
   writer.u8(head.older_step);
   writer.u8(head.older_bands.bits);
-  writer.varint(static_cast<std::uint64_t>(head.age_us));
 }
 
 Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing) {
@@ -176,7 +174,7 @@ void append_key_head(const CoefficientLayout& layout, const ChainState& state, c
                      std::uint8_t half_spacing, ByteWriter& writer) {
   const std::uint8_t m = layout.is_float() ? std::uint8_t{0} : half_spacing;
   const bool same_step = !layout.is_float() && key.step == state.newer.step;
-  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, 0}, writer);
+  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0}, writer);
 }
 
 Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask bands, ByteReader& reader) {
@@ -191,10 +189,6 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask band
   if (join) {
     head.older_step = reader.u8();
     head.older_bands = reader.u8();
-    const std::uint64_t age = reader.varint();
-    constexpr std::uint64_t kMaxAge = (std::uint64_t{1} << 62) - 1;
-    if (age > kMaxAge) return corrupt_payload("the age of the older key is out of range");
-    head.age_us = static_cast<TimeUs>(age);
   }
   if (reader.failed()) return corrupt_payload("it ends within its head");
   if (codec != static_cast<unsigned>(layout.codec) && !same_step) {
@@ -299,15 +293,13 @@ Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const Ch
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state) {
   if (state.newer.bands.empty() || !fits(layout, state.newer) || !fits(layout, state.older))
     return codec_misuse("the state does not fit the layout");
-  if (state.age_us < 0 || state.age_us >= TimeUs{1} << 62)
-    return codec_misuse("the newer key is not later than the older");
   // A band of the older key alone can be neither predicted from nor interpolated.
   const BandMask older_bands = state.older.bands & state.newer.bands;
   ChainState coded = state;
   Bytes out;
   ByteWriter writer(out);
   std::vector<std::int32_t> rescaled;
-  append_head(layout, true, {0, state.newer.step, state.older.step, older_bands, state.age_us}, writer);
+  append_head(layout, true, {0, state.newer.step, state.older.step, older_bands}, writer);
   Bytes memory;
   const auto appended = append_sections(layout, state.newer.bands, memory, writer, [&](std::size_t band, Bytes& run) {
     band::References from;
@@ -325,8 +317,7 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, 
   ByteReader reader(payload);
   const auto head = read_head(layout, true, bands, reader);
   if (!head) return head.error();
-  ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, *head->step),
-                   head->age_us};
+  ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, *head->step), 0};
   std::vector<std::int32_t> rescaled;
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     band::References from;

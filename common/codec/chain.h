@@ -45,10 +45,10 @@ std::uint8_t half_spacing_of(ByteView payload);
 /// (codec, lengths, trailing or missing bytes, a band that needs a state which lacks it, overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload);
 
-/// Payload of a kJoin frame: both keys, without prediction. Omits bands of the older key alone, which nothing can use.
-/// Errors: as encode_key; kInvalidArgument (age_us negative).
+/// Payload of a kJoin frame: both keys, without prediction or age_us. Omits bands of the older key alone, which nothing
+/// can use. Errors: as encode_key.
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state);
-/// Errors: as decode_key.
+/// age_us is 0: the envelope has it. Errors: as decode_key.
 Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload);
 
 /// The payload with only the bands of `keep`, without decoding a value. `join`: of a kJoin frame, else of kKey or

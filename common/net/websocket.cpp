@@ -42,7 +42,7 @@ using tcp = asio::ip::tcp;
 using boost::system::error_code;
 using std::chrono::milliseconds;
 
-constexpr beast::string_view kProtocol = "eigencast.v1";
+constexpr beast::string_view kProtocol = "eigencast.v2";
 constexpr milliseconds kPoliteClose{500};
 /// A connection that held for so long counts as good: the next back-off starts afresh.
 constexpr TimeUs kGoodAfterUs = 2'000'000;

@@ -45,7 +45,7 @@ struct WebSocketEvents {
   std::function<void(const Error& why, std::chrono::milliseconds retry_in)> on_down;
 };
 
-/// A client's WebSocket connection that keeps itself up. It speaks subprotocol eigencast.v1, answers pings, notices a
+/// A client's WebSocket connection that keeps itself up. It speaks subprotocol eigencast.v2, answers pings, notices a
 /// dead peer and reconnects with jittered exponential back-off. After a refusal (HTTP 4xx, or a close code that says
 /// so) it waits for the longest interval. It tries again every half a minute after a refusal that only people can put
 /// right (no right, expired token, untrusted certificate). TLS and token are those of the URL. TCP_NODELAY is set. An

@@ -13,7 +13,7 @@
 namespace eigencast::recording {
 
 inline constexpr std::array<std::uint8_t, 8> kMagic{'E', 'C', 'R', 'E', 'C', 'O', 'R', '\n'};
-inline constexpr std::uint32_t kVersion = 1;
+inline constexpr std::uint32_t kVersion = 2;
 inline constexpr std::size_t kHeaderBytes = 12;
 inline constexpr std::size_t kHeadBytes = 17;  ///< Begins a record.
 inline constexpr std::size_t kEndBytes = kHeadBytes + 24;

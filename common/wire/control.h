@@ -45,7 +45,7 @@ struct StreamFormat {
 namespace control {
 
 /// What both ends of the WebSocket must agree on (Sec-WebSocket-Protocol).
-inline constexpr std::string_view kSubprotocol = "eigencast.v1";
+inline constexpr std::string_view kSubprotocol = "eigencast.v2";
 
 /// "welcome", broker to everybody, first message.
 struct Welcome {
@@ -69,6 +69,7 @@ struct Announced {
   std::string stream;
   std::uint32_t stream_id = 0;
   std::uint32_t epoch = 0;
+  std::uint8_t tag = 0;     ///< Stands for the epoch in frames.
   std::string resume = {};  ///< Takes the stream over, see Announce. Secret; empty: an older broker.
 };
 
@@ -97,6 +98,7 @@ struct StreamInfo {
   State state = State::kWaiting;
   std::uint32_t stream_id = 0;  ///< Set in every state.
   std::uint32_t epoch = 0;      ///< 0 while kWaiting.
+  std::uint8_t tag = 0;         ///< Stands for the epoch in frames; 0 while kWaiting.
   std::string asset;            ///< Empty while kWaiting.
   StreamFormat format;
   double key_rate_hz = 0;

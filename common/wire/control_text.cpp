@@ -197,6 +197,7 @@ struct Describe {
     f.stream_name("stream", m.stream);
     f.integer("stream_id", m.stream_id);
     f.integer("epoch", m.epoch);
+    f.integer("tag", m.tag);
     if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
   }
   void operator()(control::Subscribers& m) const {
@@ -213,7 +214,10 @@ struct Describe {
     f.word("state", m.state, kStates);
     f.integer("stream_id", m.stream_id);
     f.integer("epoch", m.epoch);
-    if (m.state != control::StreamInfo::State::kWaiting) surface(m);
+    if (m.state != control::StreamInfo::State::kWaiting) {
+      f.integer("tag", m.tag);
+      surface(m);
+    }
     profile(m.profile);
     world(m);
   }

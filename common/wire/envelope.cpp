@@ -2,6 +2,7 @@
 #include "common/wire/envelope.h"
 
 #include <cassert>
+#include <limits>
 
 #include "common/wire/limits.h"
 
@@ -9,84 +10,155 @@ namespace eigencast {
 namespace {
 
 constexpr unsigned kKindBits = 3;
+constexpr std::uint8_t kResidual = 2;  ///< Flag of an estimate: bands and a payload follow.
 
 Error corrupt_frame(std::string what) {
   return fail(ErrorCode::kCorrupt, "frame: " + std::move(what));
 }
 
-bool is_key_or_join(FrameKind kind) {
-  return kind == FrameKind::kKey || kind == FrameKind::kJoin;
+bool in_range(TimeUs time_us) {
+  return time_us >= 0 && time_us <= limits::kMaxTimeUs;
 }
 
-Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
-  const std::uint8_t known_flags = is_key_or_join(envelope.kind) ? Envelope::kAhead : 0;
-  if ((envelope.flags & ~known_flags) != 0)
-    return corrupt_frame("reserved flags are set: " + std::to_string(envelope.flags));
+bool is_join(FrameKind kind) {
+  return kind == FrameKind::kJoin;
+}
 
-  const auto [at, of] = envelope.step;
-  const bool beyond = envelope.kind == FrameKind::kEstimate;
-  const bool step_ok = is_key_or_join(envelope.kind) ? at == 0 && of == 0 : at >= 1 && of >= 1 && (at <= of || beyond);
+/// Whether it comes before the key that it is or leads up to.
+bool precedes_key(FrameKind kind) {
+  return kind == FrameKind::kKey || kind == FrameKind::kSynthetic;
+}
+
+bool has_bands(FrameKind kind, bool residual) {
+  return residual || is_join(kind) || precedes_key(kind);
+}
+
+/// The capture time of a frame of an even stream; for keys and synthetic poses `newest` is that before the key.
+TimeUs expected_us(FrameKind kind, InterpolationStep step, const ChainClock& newest) {
+  if (kind == FrameKind::kStep) return newest.capture_us - newest.age_us + part_of(newest.age_us, step);
+  return newest.capture_us + (kind == FrameKind::kKey ? newest.age_us : part_of(newest.age_us, step));
+}
+
+Result<void> check(const Envelope& head, bool has_bands, bool has_payload) {
+  const auto [at, of] = head.step;
+  const bool beyond = head.kind == FrameKind::kEstimate;
+  const bool step_ok = head.is_key() ? at == 0 && of == 0 : at >= 1 && of >= 1 && (at <= of || beyond);
   if (!step_ok)
     return corrupt_frame("interpolation step " + std::to_string(at) + "/" + std::to_string(of) +
                          " does not suit its kind");
-
-  if (envelope.kind == FrameKind::kStep) {
-    if (!envelope.bands.empty() || payload_bytes != 0) return corrupt_frame("a step carries bands or a payload");
-  } else if (beyond) {
-    if (envelope.bands.empty() != (payload_bytes == 0))
-      return corrupt_frame("it carries bands or a payload, but not both");
-  } else if (envelope.bands.empty() || payload_bytes == 0) {
-    return corrupt_frame("it carries no bands or no payload");
-  }
-  if (envelope.capture_us < 0 || envelope.capture_us > limits::kMaxTimeUs)
-    return corrupt_frame("capture time is out of range");
+  if (head.bands.empty() == has_bands || has_payload != has_bands)
+    return corrupt_frame("bands or payload are missing or superfluous");
   return {};
 }
 
 }  // namespace
 
-void append_envelope(const Envelope& envelope, Bytes& out) {
-  assert(check(envelope, envelope.bands.empty() ? 0 : 1));
-  assert(envelope.step.of <= limits::kMaxInterpolation);
-  ByteWriter writer(out);
-  writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(envelope.kind) | unsigned{envelope.flags} << kKindBits));
-  writer.u8(envelope.bands.bits);
-  writer.u8(envelope.step.byte());
-  writer.u32(envelope.stream_id);
-  writer.u32(envelope.epoch);
-  writer.u64(envelope.sequence);
-  writer.u64(static_cast<std::uint64_t>(envelope.capture_us));
+ChainClock ChainClock::after(const Envelope& key, const ChainClock* before) {
+  assert(key.is_key() && (before != nullptr || is_join(key.kind)));
+  return {key.sequence, key.capture_us, is_join(key.kind) ? key.age_us : key.capture_us - before->capture_us};
 }
 
-Result<FrameView> parse_frame(ByteView message) {
-  if (message.size() > limits::kMaxFrameBytes) {
+void append_envelope(const Envelope& envelope, const ChainClock* newest, Bytes& out) {
+  const FrameKind kind = envelope.kind;
+  const bool residual = kind == FrameKind::kEstimate && !envelope.bands.empty();
+  assert(check(envelope, has_bands(kind, residual), has_bands(kind, residual)));
+  assert(newest != nullptr || !precedes_key(kind));
+  ByteWriter writer(out);
+  const unsigned flags = residual ? kResidual : envelope.flags;
+  writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(kind) | flags << kKindBits));
+  writer.varint(envelope.stream_id);
+  writer.u8(envelope.tag);
+  if (!is_join(kind)) writer.u8(static_cast<std::uint8_t>(envelope.sequence));
+  if (!envelope.is_key()) writer.u8(envelope.step.byte());
+  if (!envelope.bands.empty()) writer.u8(envelope.bands.bits);
+  if (is_join(kind)) {
+    writer.varint(envelope.sequence);
+    writer.varint(static_cast<std::uint64_t>(envelope.capture_us));
+    writer.varint(static_cast<std::uint64_t>(envelope.age_us));
+  } else if (precedes_key(kind)) {
+    writer.varint(zigzag(envelope.capture_us - expected_us(kind, envelope.step, *newest)));
+  }
+}
+
+Result<WireFrame> parse_frame(ByteView message) {
+  if (message.size() > limits::kMaxFrameBytes)
     return fail(ErrorCode::kTooLarge, "frame: " + std::to_string(message.size()) + " bytes are over the limit of " +
                                           std::to_string(limits::kMaxFrameBytes));
-  }
-  if (message.size() < Envelope::kBytes) {
-    return corrupt_frame(std::to_string(message.size()) + " bytes are less than an envelope's " +
-                         std::to_string(Envelope::kBytes));
-  }
   ByteReader reader(message);
-  FrameView frame;
-  Envelope& envelope = frame.envelope;
+  WireFrame frame;
+  Envelope& head = frame.envelope;
   const std::uint8_t first = reader.u8();
-  const unsigned kind = first & ((1u << kKindBits) - 1);
+  const unsigned kind = first & ((1u << kKindBits) - 1), flags = first >> kKindBits;
   if (kind < 1 || kind > 5) return corrupt_frame("unknown kind " + std::to_string(kind));
-  envelope.kind = static_cast<FrameKind>(kind);
-  envelope.flags = first >> kKindBits;
-  envelope.bands = reader.u8();
-  const std::uint8_t step = reader.u8();
-  envelope.step = {static_cast<std::uint8_t>(step >> 4), static_cast<std::uint8_t>(step & 15)};
-  envelope.stream_id = reader.u32();
-  envelope.epoch = reader.u32();
-  envelope.sequence = reader.u64();
-  const std::uint64_t capture_us = reader.u64();
-  if (capture_us > std::uint64_t{limits::kMaxTimeUs}) return corrupt_frame("capture time is out of range");
-  envelope.capture_us = static_cast<TimeUs>(capture_us);
-  frame.payload = message.subspan(Envelope::kBytes);
-  if (const auto checked = check(envelope, frame.payload.size()); !checked) return checked.error();
+  head.kind = static_cast<FrameKind>(kind);
+  const bool estimate = head.kind == FrameKind::kEstimate;
+  if ((flags & ~(head.is_key() ? Envelope::kAhead : estimate ? kResidual : 0U)) != 0)
+    return corrupt_frame("reserved flags are set: " + std::to_string(flags));
+  if (head.is_key()) head.flags = static_cast<std::uint8_t>(flags);
+
+  const std::uint64_t stream_id = reader.varint();
+  if (stream_id > std::numeric_limits<std::uint32_t>::max()) return corrupt_frame("stream id is out of range");
+  head.stream_id = static_cast<std::uint32_t>(stream_id);
+  head.tag = reader.u8();
+  if (!is_join(head.kind)) frame.check = reader.u8();
+  if (!head.is_key()) {
+    const std::uint8_t step = reader.u8();
+    head.step = {static_cast<std::uint8_t>(step >> 4), static_cast<std::uint8_t>(step & 15)};
+  }
+  const bool with_bands = has_bands(head.kind, estimate && flags == kResidual);
+  if (with_bands) head.bands = reader.u8();
+  if (is_join(head.kind)) {
+    head.sequence = reader.varint();
+    head.capture_us = static_cast<TimeUs>(reader.varint());
+    head.age_us = static_cast<TimeUs>(reader.varint());
+    if (!in_range(head.capture_us) || head.age_us < 0 || head.age_us > head.capture_us)
+      return corrupt_frame("capture time or age is out of range");
+  } else if (precedes_key(head.kind)) {
+    frame.delay_us = unzigzag(reader.varint());
+    if (frame.delay_us < -limits::kMaxTimeUs || frame.delay_us > limits::kMaxTimeUs)
+      return corrupt_frame("capture time is out of range");
+  }
+  if (reader.failed()) return corrupt_frame(std::to_string(message.size()) + " bytes end within the envelope");
+  frame.payload = message.subspan(reader.position());
+  if (const auto ok = check(head, with_bands, !frame.payload.empty()); !ok) return ok.error();
   return frame;
+}
+
+std::optional<FrameView> resolved(const WireFrame& frame, const ChainClock* newest, std::uint32_t epoch) {
+  FrameView whole{frame.envelope, frame.payload};
+  Envelope& head = whole.envelope;
+  head.epoch = epoch;
+  if (is_join(head.kind)) return whole;
+  const bool next = precedes_key(head.kind);
+  if (newest == nullptr || (next && newest->sequence == std::numeric_limits<std::uint64_t>::max())) return std::nullopt;
+  head.sequence = newest->sequence + (next ? 1 : 0);
+  const auto [at, of] = head.step;
+  if (at > of && newest->age_us / of >= limits::kMaxTimeUs / at) return std::nullopt;  // Beyond the range.
+  // Times beyond 63 bits come out negative.
+  head.capture_us = static_cast<TimeUs>(static_cast<std::uint64_t>(expected_us(head.kind, head.step, *newest)) +
+                                        static_cast<std::uint64_t>(frame.delay_us));
+  if (frame.check != static_cast<std::uint8_t>(head.sequence) || !in_range(head.capture_us) ||
+      (head.kind == FrameKind::kKey && head.capture_us <= newest->capture_us))
+    return std::nullopt;
+  return whole;
+}
+
+void EnvelopeReader::begin(std::uint32_t stream_id, std::uint8_t tag, std::uint32_t epoch) {
+  if (stream_id != stream_id_ || tag != tag_ || epoch != epoch_) newest_.reset();
+  stream_id_ = stream_id;
+  tag_ = tag;
+  epoch_ = epoch;
+}
+
+std::optional<FrameView> EnvelopeReader::read(const WireFrame& frame) {
+  if (frame.envelope.stream_id != stream_id_ || frame.envelope.tag != tag_) return std::nullopt;
+  const auto whole = resolved(frame, newest_ ? &*newest_ : nullptr, epoch_);
+  if (whole && whole->envelope.is_key()) {
+    newest_ = ChainClock::after(whole->envelope, newest_ ? &*newest_ : nullptr);
+  } else if (!whole && frame.envelope.kind == FrameKind::kKey) {
+    newest_.reset();
+  }
+  return whole;
 }
 
 }  // namespace eigencast

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "common/core/bands.h"
 #include "common/core/bytes.h"
@@ -31,24 +32,26 @@ struct InterpolationStep {
   bool operator==(const InterpolationStep&) const = default;
 };
 
-/// The fixed head of each frame: 27 bytes, little-endian (docs/protocol.md, "Envelope").
-///
-///   0 kind and flags u8 (kind | flags << 3) | 1 bands u8 | 2 step u8 (at << 4 | of) | 3 stream_id u32 | 7 epoch u32 |
-///   11 sequence u64 | 19 capture_us u64
+/// What is known of a frame besides its payload. On the wire it takes 5 to 9 bytes, of joins up to 22: the rest follows
+/// from the receiver's newest key (ChainClock).
 struct Envelope {
-  static constexpr std::size_t kBytes = 27;
+  static constexpr std::size_t kMaxBytes = 36;
+  static constexpr std::size_t kKeyBytes = 6;  ///< Of a key of an even stream whose id is below 128.
   /// Flag of a key or join of compact interpolation: not to be shown when it comes, kStep frames lead up to it.
   static constexpr std::uint8_t kAhead = 1;
 
   FrameKind kind = FrameKind::kKey;
-  std::uint8_t flags = 0;       ///< Bits 0 to 4: kAhead; the others are reserved: written 0, rejected otherwise.
+  std::uint8_t flags = 0;       ///< kAhead or 0.
   BandMask bands;               ///< Those in the payload. None on kStep, maybe none on kEstimate.
   InterpolationStep step;       ///< Set unless kKey or kJoin.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.
   std::uint64_t sequence = 0;   ///< Numbers the key that this frame is, or leads up to. Consecutive keys differ by one.
   TimeUs capture_us = 0;        ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
+  std::uint8_t tag = 0;         ///< Stands for the epoch on the wire.
+  TimeUs age_us = 0;            ///< Joins: capture time of the newer key minus that of the older.
 
+  bool is_key() const { return kind == FrameKind::kKey || kind == FrameKind::kJoin; }
   bool operator==(const Envelope&) const = default;
 };
 
@@ -57,12 +60,57 @@ struct FrameView {
   ByteView payload;  ///< Points into the bytes parsed.
 };
 
-/// Writes the envelope's 27 bytes at the end of `out`. REQUIRES: what parse_frame checks.
-void append_envelope(const Envelope& envelope, Bytes& out);
+/// A receiver's newest key, from which the envelopes of later frames follow.
+struct ChainClock {
+  std::uint64_t sequence = 0;
+  TimeUs capture_us = 0;
+  TimeUs age_us = 0;  ///< Since the key before it; 0: there was none.
+
+  /// The clock once `key`, a key or join that follows, has come.
+  static ChainClock after(const Envelope& key, const ChainClock* before);
+  bool operator==(const ChainClock&) const = default;
+};
+
+/// at / of of a time, rounded down; exact for all times within limits::kMaxTimeUs. REQUIRES: of > 0.
+constexpr TimeUs part_of(TimeUs span_us, InterpolationStep step) {
+  return span_us / step.of * step.at + span_us % step.of * step.at / step.of;
+}
+
+/// Writes an envelope at the end of `out`. `newest`: of the receivers, before the frame; may be null for joins, steps
+/// and estimates. REQUIRES: what resolved() checks.
+void append_envelope(const Envelope& envelope, const ChainClock* newest, Bytes& out);
+
+/// A frame as it came: what it says itself.
+struct WireFrame {
+  Envelope envelope;       ///< Sequence and times of joins alone; no epoch.
+  std::uint8_t check = 0;  ///< Low byte of the sequence; not of joins.
+  TimeUs delay_us = 0;     ///< Keys, synthetic: capture time beyond the expected one.
+  ByteView payload;        ///< Points into the bytes parsed.
+};
 
 /// Safe on hostile input.
 /// Errors: kCorrupt (short, unknown kind, reserved bits set, step out of range, bands or payload missing or
-/// superfluous, capture time over limits::kMaxTimeUs), kTooLarge (over limits::kMaxFrameBytes).
-Result<FrameView> parse_frame(ByteView message);
+/// superfluous, times over limits::kMaxTimeUs), kTooLarge (over limits::kMaxFrameBytes).
+Result<WireFrame> parse_frame(ByteView message);
+
+/// The frame in full; nothing: it does not follow the newest key (null: there is none), or its time is out of range.
+/// Ignores id and tag.
+std::optional<FrameView> resolved(const WireFrame& frame, const ChainClock* newest, std::uint32_t epoch);
+
+/// A receiver's side of one stream: resolves frames one after the other. Not thread-safe.
+class EnvelopeReader {
+ public:
+  /// Another stream, tag or epoch forgets the newest key.
+  void begin(std::uint32_t stream_id, std::uint8_t tag, std::uint32_t epoch);
+  void restart() { newest_.reset(); }
+
+  /// Nothing: it belongs to another chain, or there is a gap before it; then only a join helps.
+  std::optional<FrameView> read(const WireFrame& frame);
+
+ private:
+  std::uint32_t stream_id_ = 0, epoch_ = 0;
+  std::uint8_t tag_ = 0;
+  std::optional<ChainClock> newest_;
+};
 
 }  // namespace eigencast

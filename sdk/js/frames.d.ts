@@ -27,7 +27,8 @@ export interface Frame {
   at: number;
   of: number;
   streamId: number;
-  epoch: number;
+  /** Of the epoch, as in `stream`: frames of another are not for this decoder. */
+  tag: number;
   sequence: bigint;
   captureUs: bigint;
   /** Of all but joins. */

@@ -3,7 +3,7 @@
 // Decodes the binary frames of a stream (docs/protocol.md, sections 4 to 8): bytes in, poses out, no dependency. Bit-exact: integers
 // beyond 2^53 are BigInt, all others stay below.
 
-const HEADER_BYTES = 27;
+const AHEAD = 1, RESIDUAL = 2;
 const MAX_FRAME_BYTES = 2 ** 20;
 const MAX_VALUE = 2 ** 30;
 const MAX_TIME = 2n ** 62n - 1n;
@@ -295,41 +295,58 @@ export class FrameDecoder {
   }
 
   decode(bytes) {
-    require(bytes.length >= HEADER_BYTES && bytes.length <= MAX_FRAME_BYTES, 'size of the frame');
-    const view = new DataView(bytes.buffer, bytes.byteOffset, HEADER_BYTES);
-    const kind = bytes[0] & 7, flags = bytes[0] >> 3, bands = bytes[1], at = bytes[2] >> 4, of = bytes[2] & 15;
-    const isKey = kind === 1 || kind === 2;
+    require(bytes.length <= MAX_FRAME_BYTES, 'size of the frame');
+    const reader = new Reader(bytes);
+    const first = reader.u8(), kind = first & 7;
     require(kind >= 1 && kind <= 5, 'kind');
-    require((flags & (isKey ? 30 : 31)) === 0, 'flags');
-    require(isKey ? bytes[2] === 0 : at >= 1 && of >= 1 && (at <= of || kind === 5), 'step');
-    require((bands === 0) === (bytes.length === HEADER_BYTES) && (kind === 5 || (bands === 0) === (kind === 4)), 'bands or payload');
+    const isKey = kind <= 2, isJoin = kind === 2, precedesKey = kind === 1 || kind === 3, residual = first >> 3 === RESIDUAL;
+    require((first >> 3 & (isKey ? ~AHEAD : kind === 5 ? ~RESIDUAL : ~0)) === 0, 'flags');
+    const streamId = reader.varint(), tag = reader.u8(), check = isJoin ? 0 : reader.u8();
+    require(streamId < 2n ** 32n, 'stream id');
+    const step = isKey ? 0 : reader.u8(), at = step >> 4, of = step & 15;
+    require(isKey || (at >= 1 && of >= 1 && (at <= of || kind === 5)), 'step');
+    const hasBands = kind <= 3 || residual, bands = hasBands ? reader.u8() : 0;
     require(bands < 2 ** this.#format.band_ends.length, 'unknown bands');
-    const sequence = view.getBigUint64(11, true), captureUs = view.getBigUint64(19, true);
-    require(captureUs <= MAX_TIME, 'capture time');
-    const frame = {
-      kind: KINDS[kind], flags, bands, at, of, streamId: view.getUint32(3, true), epoch: view.getUint32(7, true), sequence, captureUs,
-    };
+    const joined = isJoin ? [reader.varint(), reader.varint(), reader.varint()] : [];
+    require(!isJoin || (joined[1] <= MAX_TIME && joined[2] <= joined[1]), 'capture time or age');
+    const coded = precedesKey ? reader.varint() : 0n, delayUs = coded % 2n === 0n ? coded / 2n : -(coded + 1n) / 2n;
+    require(delayUs <= MAX_TIME && delayUs >= -MAX_TIME, 'capture time');
+    const payload = new Reader(reader.rest());
+    require(hasBands === (bands !== 0) && hasBands === (payload.bytes.length > 0), 'bands or payload');
 
-    const payload = new Reader(bytes.subarray(HEADER_BYTES));
-    if (kind === 2) {
-      this.#ageUs = frame.ageUs = this.#readJoin(bands, payload);
-      this.#number = sequence;
-      this.#captureUs = captureUs;
+    const flags = isKey ? first >> 3 : 0;
+    const [sequence, captureUs] = isJoin ? joined : this.#resolved(kind, check, at, of, delayUs);
+    if (sequence === null) {
+      if (kind === 1) this.restart();
+      return null;
+    }
+    const frame = { kind: KINDS[kind], flags, bands, at, of, streamId: Number(streamId), tag, sequence, captureUs };
+    if (isJoin) {
+      frame.ageUs = joined[2];
+      this.#readJoin(bands, payload);
+      [this.#number, this.#captureUs, this.#ageUs] = joined;
       return { ...frame, older: this.#older, newer: this.#newer };
     }
-    if (kind >= 4) {
-      if (this.#number !== sequence) return null;
-      if (kind === 4) return { ...frame, pose: this.#interpolate(at, of) };
-      return { ...frame, pose: bands === 0 ? this.#estimate(at, of) : this.#readKey(bands, payload) };
-    }
-    if (this.#number === null || this.#number + 1n !== sequence) return null;
-    const pose = this.#readKey(bands, payload);
+    if (kind === 4) return { ...frame, pose: this.#interpolate(at, of) };
+    const pose = bands === 0 ? this.#estimate(at, of) : this.#readKey(bands, payload);
     if (kind === 1) {
       [this.#older, this.#newer, this.#number] = [this.#newer, pose, sequence];
       this.#ageUs = captureUs - this.#captureUs;
       this.#captureUs = captureUs;
     }
     return { ...frame, pose };
+  }
+
+  /** Sequence and capture time of a frame that follows the newest key; null twice where it does not. */
+  #resolved(kind, check, at, of, delayUs) {
+    const none = [null, null];
+    if (this.#number === null) return none;
+    const sequence = this.#number + (kind === 1 || kind === 3 ? 1n : 0n);
+    const part = kind === 1 ? this.#ageUs : this.#ageUs * BigInt(at) / BigInt(of);
+    const captureUs = this.#captureUs + part + delayUs - (kind === 4 ? this.#ageUs : 0n);
+    const follows = Number(sequence & 255n) === check && sequence < 2n ** 64n;
+    if (!follows || captureUs < 0n || captureUs > MAX_TIME || (kind === 1 && captureUs <= this.#captureUs)) return none;
+    return [sequence, captureUs];
   }
 
   get #quantised() {
@@ -418,9 +435,7 @@ export class FrameDecoder {
     require(m === 0, 'spacing of a join');
     const olderStep = this.#readStep(payload);
     const olderBands = payload.u8();
-    const age = payload.varint();
     require((olderBands & ~bands) === 0, 'older bands');
-    require(age <= MAX_TIME, 'age');
     const older = this.#emptyKey(olderBands, olderStep), newer = this.#emptyKey(bands, step);
     this.#eachSection(bands, payload, (band, section) => {
       if ((olderBands >> band & 1) !== 0) this.#readRun(section, 0, null, null, band, older);
@@ -428,7 +443,6 @@ export class FrameDecoder {
     });
     this.#older = older;
     this.#newer = newer;
-    return age;
   }
 
   /** Calls visit(index) for each value of the bands. */

@@ -41,18 +41,18 @@ class Sender(threading.Thread):
         body, self.asset = payloads.asset()
         urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{self.asset}", data=body, method="PUT")).close()
         self.template, rows = payloads.float_join(600)
-        self.peer = Peer(port, "/v1/publish/s", "eigencast.v1")
+        self.peer = Peer(port, "/v1/publish/s", "eigencast.v2")
         self.peer.send(frame(TEXT, payloads.announce(self.asset, rows, "float32").encode()))
-        while b'"announced"' not in self.peer.receive()[1]:
+        while b'"announced"' not in (text := self.peer.receive()[1]):
             pass
+        self.tag = json.loads(text)["tag"]
         self.body, self.over = body, threading.Event()
         self.start()
 
     def run(self):
         sequence = 0
         while not self.over.wait(0.02):
-            head = self.template[:11] + sequence.to_bytes(8, "little") + (20_000 * sequence + 1).to_bytes(8, "little")
-            self.peer.send(frame(BINARY, head + self.template[27:]))
+            self.peer.send(frame(BINARY, payloads.stamped(self.template, sequence, 20_000 * sequence + 1, self.tag)))
             sequence += 1
 
     def end(self):
@@ -156,7 +156,7 @@ class Guarded(OneServer):
     def assert_streams_cross(self, **shown):
         one, two = self.meet(**shown)
         sender = self.sender(one)
-        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v2"))
         fetched = urllib.request.urlopen(f"http://127.0.0.1:{two}/v1/assets/{sender.asset}").read()
         self.assertEqual(fetched, sender.body)
         self.assertNotIn("Violation", self.log.read_text())
@@ -219,10 +219,10 @@ class Trusted(OneServer):
         for _, ask in brokers:
             self.wait_for(lambda: "2 brokers" in ask("/api/broker"), "they do not meet")
         sender = self.sender(brokers[0][0])
-        self.assert_frames_come(Peer(brokers[1][0], "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(brokers[1][0], "/v1/subscribe/s?rate=raw", "eigencast.v2"))
         sender.end()
         self.sender(brokers[1][0])  # It moves.
-        self.assert_frames_come(Peer(brokers[0][0], "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(brokers[0][0], "/v1/subscribe/s?rate=raw", "eigencast.v2"))
         self.assertNotIn("Violation", self.log.read_text())
         rogue = Rogue(self, "edge-2", "secret_of_edge-2")
         for subject in ("alive.edge-1.x", "rows.edge-1.x", "frames.edge-1.x.s"):
@@ -238,7 +238,7 @@ class Trusted(OneServer):
         (one, _), (two, ask) = (self.broker(name, **who) for name in ("broker-0", "broker-1"))
         self.wait_for(lambda: "2 brokers" in ask("/api/broker"), "they do not meet")
         sender = self.sender(one)
-        viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1")
+        viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v2")
         self.assert_frames_come(viewer)
         rogue = Rogue(self, "broker", "secret")
         rogue.sock.sendall(b"SUB eigencast.rows.> 1\r\nSUB eigencast.frames.> 2\r\n")
@@ -323,7 +323,7 @@ class Silenced(OneServer):
                 process = self.lone_broker(mute.port)
                 data, admin = ports_of(pathlib.Path(self.folder, f"ports-{mute.port}"))
                 self.assertTrue(mute.waited_for.wait(60), "the broker tries")
-                viewer = Peer(data, "/v1/subscribe/s?rate=raw", "eigencast.v1")
+                viewer = Peer(data, "/v1/subscribe/s?rate=raw", "eigencast.v2")
                 sender = Sender(data)
                 self.assert_frames_come(viewer)
                 sender.end()
@@ -376,18 +376,18 @@ class Forgotten(OneServer):
         one, two = self.meet(**who)
         self.sender(one).end()
         sender = self.sender(one)  # Not the first: the revision of the stream's entry has grown.
-        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v2"))
         server.kill()
         server.wait()
         shutil.rmtree(pathlib.Path(self.folder, "jetstream"))
         self.start_nats(self.PASSWORD)
         three, ask = self.broker("broker-3", **who)
         self.wait_for(lambda: "\neigencast_broker_backbone_brokers 3\n" in ask("/metrics"), "they do not meet again")
-        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
-        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v2"))
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v2"))
         sender.end()
         self.sender(two)  # It moves, and is known.
-        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v2"))
 
 
 class SetBack(OneServer):
@@ -407,7 +407,7 @@ class SetBack(OneServer):
         with open(offset, "r+b") as file:
             file.write(bytes(8))
         sender = self.sender(two)
-        self.assert_frames_come(Peer(one, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(one, "/v1/subscribe/s?rate=raw", "eigencast.v2"))
         server.send_signal(signal.SIGSTOP)
         self.wait_for(lambda: "degraded" in ask("/readyz"), "its pings wait for half a day")
         server.send_signal(signal.SIGCONT)

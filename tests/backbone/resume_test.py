@@ -110,7 +110,7 @@ class Resume(unittest.TestCase):
         message = json.loads(payloads.announce(asset, rows, "float32"))
         if resume:
             message["resume"] = resume
-        peer = Peer(self.data[number], "/v1/publish/s", "eigencast.v1")
+        peer = Peer(self.data[number], "/v1/publish/s", "eigencast.v2")
         peer.send(frame(TEXT, json.dumps(message).encode()))
         while True:
             answer = json.loads(peer.receive()[1])

@@ -2,13 +2,11 @@
 """A viewer of one stream that connects again for ever, and notes what a viewer must never see."""
 import contextlib
 import json
-import struct
 import threading
 import time
 
+import payloads
 from websocket_peer import BINARY, TEXT, Peer
-
-KEY = 1
 
 
 class Viewer(threading.Thread):
@@ -26,7 +24,7 @@ class Viewer(threading.Thread):
         while not self.over:
             try:
                 with self.within():
-                    peer = Peer(self.ports[turn % len(self.ports)], f"/v1/subscribe/{self.stream}" + "?rate=raw" * self.raw, "eigencast.v1")
+                    peer = Peer(self.ports[turn % len(self.ports)], f"/v1/subscribe/{self.stream}" + "?rate=raw" * self.raw, "eigencast.v2")
                 peer.sock.settimeout(0.5)
                 self.watch(peer)
             except (OSError, EOFError, AssertionError):
@@ -34,7 +32,7 @@ class Viewer(threading.Thread):
                 time.sleep(0.02)
 
     def watch(self, peer):
-        said = None
+        said, chain = None, payloads.Chain()
         while not self.over:
             try:
                 opcode, payload = peer.receive()
@@ -42,22 +40,22 @@ class Viewer(threading.Thread):
                 continue
             message = json.loads(payload) if opcode == TEXT else {}
             if message.get("op") == "stream":
-                said = message["stream_id"], message["epoch"]
+                said = message["stream_id"], message.get("tag"), message["epoch"]
                 if message["stream"] != self.stream:
                     self.faults.append(f"told of {message['stream']}")
                 if not self.raw:
                     self.newest = None
             if opcode == BINARY:
-                self.take(payload, said)
+                self.take(chain.read(payload), said)
 
-    def take(self, payload, said):
-        first, _, step, of, epoch, sequence, _ = struct.unpack("<BBBIIQQ", payload[:27])
-        # A step of 0 is the key itself, after what leads up to it.
-        at = sequence, (step >> 4) / (step & 15) if step else 1
-        if (of, epoch) != said or epoch < self.epoch:
-            self.faults.append(f"a frame of stream and epoch {(of, epoch)} within {said}; seen: {self.epoch}")
+    def take(self, head, said):
+        if not head or not said or (head.stream_id, head.tag) != said[:2] or said[2] < self.epoch:
+            self.faults.append(f"{head} within {said}; seen: {self.epoch}")
+            return
+        # No step is the key itself, after what leads up to it.
+        at, epoch = (head.sequence, head.at / head.of if head.of else 1), said[2]
         if epoch == self.epoch and self.newest:
-            skips = self.raw and first & 7 == KEY and sequence != self.newest[0] + 1
+            skips = self.raw and head.kind == payloads.KEY and head.sequence != self.newest[0] + 1
             if at < self.newest or skips:
                 self.faults.append(f"{at} after {self.newest}")
         self.newest, self.epoch = at, epoch

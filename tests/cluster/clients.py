@@ -53,7 +53,7 @@ class WebSocket:
     async def open(self):
         key = base64.b64encode(os.urandom(16)).decode()
         await self.send_raw((f"GET {self.path} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-                             f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n").encode())
+                             f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v2\r\n\r\n").encode())
         while b"\r\n\r\n" not in self.buffer:
             await self.more()
         head, self.buffer = self.buffer.split(b"\r\n\r\n", 1)
@@ -227,16 +227,17 @@ class Sender(Client):
                 if message.get("op") == "announced":
                     self.cluster.record("announced", stream=self.stream, epoch=message["epoch"], broker=broker.name, announcement=announcement)
                     self.resume = message.get("resume", "")
-                    granted.set_result(None)
+                    granted.set_result(message["tag"])
                 elif message.get("op") == "error":
                     raise Gone(f"{message['code']}: {message['message']}")
 
     async def play(self, announcement, granted):
-        await granted
+        tag, chain = await granted, poses.Chain()
         began = time.monotonic()
         for sequence in itertools.count():
             kind = poses.KEY if sequence else poses.JOIN
-            await self.web.send(poses.frame(kind, self.number, announcement, sequence, monotonic_us(), self.rate, self.velocities))
+            head = chain.write(kind, 3, sequence, monotonic_us(), tag)
+            await self.web.send(head + poses.payload(kind, self.number, announcement, sequence, self.rate, self.velocities))
             due = began + (sequence + 1) / self.rate
             if due < time.monotonic() - 0.2:  # Behind: goes on from now.
                 began = time.monotonic() - (sequence + 1) / self.rate
@@ -254,7 +255,7 @@ class Viewer(Client):
 
     async def once(self, broker):
         await self.reach(broker, f"/v1/subscribe/{self.stream}?{self.profile}")
-        self.newest = None
+        self.newest = self.epoch = self.tag = None
         await self.both(self.watch(broker), self.pings(), *([self.acks()] if self.acknowledges else []))
 
     async def acks(self):
@@ -265,20 +266,24 @@ class Viewer(Client):
                 await self.web.send({"op": "ack", "items": [{"stream_id": id_, "sequence": sequence, "step": step}], "time_us": monotonic_us()})
 
     async def watch(self, broker):
-        record, viewer = self.cluster.record, self.name
+        record, viewer, chain = self.cluster.record, self.name, poses.Chain()
         async for messages in self.web.messages():
             for opcode, payload in messages:
                 if opcode == BINARY:
-                    pose = poses.parse(payload, self.channels)
-                    self.newest = (pose.id, pose.sequence, pose.at << 4 | pose.of)
-                    record("frame", viewer=viewer, kind=pose.kind, id=pose.id, epoch=pose.epoch, sequence=pose.sequence, at=pose.at, of=pose.of,
-                         ahead=pose.ahead, capture=pose.capture, tag=pose.tag)
+                    head = chain.read(payload)
+                    if head is None:  # One that it cannot use, which no stream announced.
+                        record("frame", viewer=viewer, kind=poses.KEY, id=0, epoch=0, sequence=0, at=0, of=0, ahead=False, capture=0, tag=None)
+                        continue
+                    self.newest = (head.stream_id, head.sequence, head.at << 4 | head.of)
+                    record("frame", viewer=viewer, kind=head.kind, id=head.stream_id, epoch=self.epoch if head.tag == self.tag else 0,
+                           sequence=head.sequence, at=head.at, of=head.of, ahead=head.ahead, capture=head.capture_us,
+                           tag=poses.tag_of(head.kind, head.bands, payload[head.size:], self.channels))
                     continue
                 message = json.loads(payload) if opcode == TEXT else {}
                 if message.get("op") == "welcome":
                     record("connected", viewer=viewer, stream=self.stream, number=self.number, broker=broker.name, run=message["session_id"])
                 elif message.get("op") == "stream":
-                    self.newest = None
+                    self.newest, self.epoch, self.tag = None, message["epoch"], message.get("tag")
                     record("state", viewer=viewer, stream=message["stream"], id=message["stream_id"], epoch=message["epoch"],
                          profile=message.get("profile", {}), state=message["state"])
 

@@ -241,11 +241,12 @@ def record(kind, time, body):
 
 def recording(end=True):
     """Three keys of sender 1, its announcement 5."""
-    out = recordings.MAGIC + struct.pack("<I", 1) + record(recordings.START, 0, bytes(8) + b"\1s" + b"\4test")
+    out = recordings.MAGIC + struct.pack("<I", 2) + record(recordings.START, 0, bytes(8) + b"\1s" + b"\4test")
     announce = len(out)
     out += record(recordings.ANNOUNCE, 0, json.dumps({"format": poses.form(False)}).encode())
     checkpoint = len(out)
-    pose = lambda kind, sequence: poses.frame(kind, 1, 5, sequence, sequence + 1, 30, False)
+    chain = poses.Chain()
+    pose = lambda kind, sequence: chain.write(kind, 3, sequence, sequence + 1) + poses.payload(kind, 1, 5, sequence, 30, False)
     out += record(recordings.CHECKPOINT, 0, pose(JOIN, 0))
     out += b"".join(record(recordings.FRAME, s, pose(KEY, s)) for s in (1, 2, 3))
     index = len(out)
@@ -269,7 +270,7 @@ class Recordings(unittest.TestCase):
             self.assertFalse(self.read(data)["whole"])
 
     def test_what_begins_with_nothing_is_named(self):
-        for data in (b"", b"ECRECOR\n\1\0\0\0", recording()[:30]):
+        for data in (b"", b"ECRECOR\n\2\0\0\0", recording()[:30]):
             self.assertTrue(self.read(data)["why"])
 
 

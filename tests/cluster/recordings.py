@@ -45,13 +45,13 @@ def records_of(data):
 
 def read(data, channels_of):
     """stream, whole (it has its end), tags (for each announcement the set of (stream, announcement) that its poses carry), frames, why (what
-    is wrong, or ""). `channels_of`: of a stream's name, as poses.parse() takes them."""
+    is wrong, or ""). `channels_of`: of a stream's name, as poses.tag_of() takes them."""
     result = {"stream": "", "whole": False, "tags": [], "frames": 0, "why": ""}
 
     def wrong(why):
         result["why"] = why
         return result
-    if data[:8] != MAGIC or data[8:12] != b"\1\0\0\0":
+    if data[:8] != MAGIC or data[8:12] != b"\2\0\0\0":
         return wrong(f"{len(data)} bytes that do not begin as a recording")
     records = list(records_of(data))
     end_of_records = records.pop()[0]
@@ -62,26 +62,25 @@ def read(data, channels_of):
     newest, announced, checkpoints, indexed = None, None, set(), None
     for at, kind, _, body in records[1:]:
         if kind == ANNOUNCE:
-            announced, newest = json.loads(body), None
+            announced, newest, chain = json.loads(body), None, poses.Chain()
             result["tags"].append(set())
         elif kind in (FRAME, CHECKPOINT):
             if announced is None:
                 return wrong(f"byte {at}: a frame without an announcement")
-            pose = poses.parse(body, channels_of(result["stream"]))
-            if kind == CHECKPOINT and pose.kind != poses.JOIN:
+            head = chain.read(body)
+            if head is None:
+                return wrong(f"byte {at}: a key that does not follow {newest}")
+            if kind == CHECKPOINT and head.kind != poses.JOIN:
                 return wrong(f"byte {at}: a checkpoint that is no join")
-            if pose.kind == poses.KEY and newest is not None and pose.sequence != newest + 1:
-                return wrong(f"byte {at}: key {pose.sequence} after {newest}")
-            if pose.kind == poses.KEY and newest is None:
-                return wrong(f"byte {at}: the first frame of an announcement is a key")
-            if newest is not None and pose.sequence < newest + (kind == FRAME):
-                return wrong(f"byte {at}: frame {pose.sequence} after {newest}")
-            newest = pose.sequence
+            if newest is not None and head.sequence < newest + (kind == FRAME):
+                return wrong(f"byte {at}: frame {head.sequence} after {newest}")
+            newest = head.sequence
             result["frames"] += kind == FRAME
             if kind == CHECKPOINT:
                 checkpoints.add(at)
-            if pose.tag:
-                result["tags"][-1].add(pose.tag[:2])
+            tag = poses.tag_of(head.kind, head.bands, body[head.size:], channels_of(result["stream"]))
+            if tag:
+                result["tags"][-1].add(tag[:2])
         elif kind == INDEX:
             indexed = at
         elif kind == END:

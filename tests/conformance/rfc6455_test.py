@@ -59,7 +59,7 @@ class Raw(Case):
         self.assertNotIn("Sec-WebSocket-Extensions", peer.head)
         self.assertEqual(Peer(self.port, "/v1/subscribe", "chat").status, 400)
         self.assertEqual(Peer(self.port, "/v1/subscribe").status, 400)
-        self.assertIn("Sec-WebSocket-Protocol: eigencast.v1", Peer(self.port, "/v1/subscribe", "chat, eigencast.v1").head)
+        self.assertIn("Sec-WebSocket-Protocol: eigencast.v2", Peer(self.port, "/v1/subscribe", "chat, eigencast.v2").head)
 
     def test_wrong_version_and_key(self):
         for version, key, status in (("8", "x3JJHMbDL1EzLkh9GBhXDw==", 426), ("13", "short", 400)):
@@ -176,15 +176,15 @@ class Raw(Case):
     def test_oversized_messages_close_with_1009(self):
         for data in (frame(TEXT, b"a" * 65537), frame(TEXT, b"a" * 40000, fin=False) + frame(0, b"a" * 40000),
                      frame(BINARY, b"a" * 3_000_000)):
-            peer = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+            peer = Peer(self.port, "/v1/subscribe", "eigencast.v2")
             peer.send(data)
             self.assertEqual(peer.close_code(), 1009)
 
     def test_wrong_kinds_on_real_endpoints(self):
-        peer = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+        peer = Peer(self.port, "/v1/subscribe", "eigencast.v2")
         peer.send(frame(BINARY, b"a"))
         self.assertEqual(peer.close_code(), 1003)
-        peer = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+        peer = Peer(self.port, "/v1/subscribe", "eigencast.v2")
         peer.send(frame(TEXT, b"{nonsense"))
         self.assertEqual(peer.close_code(), 1007)
 
@@ -200,7 +200,7 @@ class Raw(Case):
             pass
 
     def test_an_unread_connection_harms_no_other(self):
-        deaf = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+        deaf = Peer(self.port, "/v1/subscribe", "eigencast.v2")
         deaf.sock.settimeout(0.5)
         try:
             for i in range(200_000):
@@ -367,7 +367,7 @@ async function echo() {
   seen.push('echo:' + closed.code + closed.wasClean);
 }
 async function refused() {
-  const ws = new WebSocket(base + '/v1/subscribe', 'eigencast.v1');
+  const ws = new WebSocket(base + '/v1/subscribe', 'eigencast.v2');
   seen.push('op:' + JSON.parse((await told([ws, 'message'])).data).op + ws.protocol);
   ws.send(new Uint8Array(3));
   const closed = await told([ws, 'close']);
@@ -397,7 +397,7 @@ class Chromium(unittest.TestCase):
             browser = subprocess.Popen([chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", f"--user-data-dir={folder}",
                                         page], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             try:
-                self.assertEqual(done.get(timeout=60), "extensions: echo:4321true op:welcomeeigencast.v1 refused:1003true not opened")
+                self.assertEqual(done.get(timeout=60), "extensions: echo:4321true op:welcomeeigencast.v2 refused:1003true not opened")
             finally:
                 browser.terminate()
                 browser.wait(10)

@@ -119,6 +119,7 @@ class Output {
   }
   bool is_upgraded() const { return upgraded_; }
   const std::string& last_ping() const { return ping_; }
+  std::uint8_t tag() const { return tag_; }  ///< Of the sender's epoch.
   std::uint32_t stream_id() const { return newest_.empty() ? 0 : newest_.begin()->first; }
   std::uint64_t sequence() const { return sequence_; }
 
@@ -198,27 +199,33 @@ class Output {
     const auto message = control_from_text(text);
     REQUIRE(message.has_value());
     REQUIRE(std::holds_alternative<control::Welcome>(*message) == !std::exchange(welcomed_, true));
+    if (const auto* announced = std::get_if<control::Announced>(&*message)) tag_ = announced->tag;
     if (const auto* info = std::get_if<control::StreamInfo>(&*message)) {
       auto& epoch = newest_[info->stream_id];
       if (info->state != control::StreamInfo::State::kWaiting) {
         REQUIRE(info->epoch >= epoch);
         epoch = info->epoch;
       }
+      readers_[info->stream_id].begin(info->stream_id, info->tag, info->epoch);
     }
   }
 
   void take_pose(std::string_view bytes) {
     const auto frame = parse_frame({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     REQUIRE(frame.has_value());
-    const auto stream = newest_.find(frame->envelope.stream_id);
-    REQUIRE(stream != newest_.end() && stream->second == frame->envelope.epoch);
-    sequence_ = frame->envelope.sequence;
+    const auto stream = readers_.find(frame->envelope.stream_id);
+    REQUIRE(stream != readers_.end());
+    const auto whole = stream->second.read(*frame);  // A viewer gets no frame that it cannot use.
+    REQUIRE(whole.has_value());
+    sequence_ = whole->envelope.sequence;
   }
 
   std::string text_;
   bool upgraded_ = false, welcomed_ = false, closed_ = false;
   std::map<std::uint32_t, std::uint32_t> newest_;  ///< Epochs by stream.
+  std::map<std::uint32_t, EnvelopeReader> readers_;
   std::uint64_t sequence_ = 0;
+  std::uint8_t tag_ = 0;
   std::string ping_;
 };
 
@@ -358,7 +365,7 @@ const std::vector<std::string>& requests() {
   static const std::vector<std::string> all = [] {
     const std::string upgrade =
         " HTTP/1.1\r\nHost: broker\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n";
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: eigencast.v2\r\n";
     const std::string plain = " HTTP/1.1\r\nHost: broker\r\n", end = "\r\n";
     const std::string asset = "/v1/assets/" + service().asset();
     const TokenKey key = TokenKey::from_secret({}, config().access.jwt_secret).value();
@@ -543,6 +550,7 @@ class Session {
 
   void send_key(Peer& peer, int number, int how) {
     if (how == 1) peer.sender.begin_anew();
+    peer.sender.tag = peer.output.tag();
     Bytes key = peer.sender.next(stepped_us);
     if (how == 2) key[in_.u8() % key.size()] ^= static_cast<std::uint8_t>(1 + in_.u8() % 255);
     if (how == 3) key.resize(in_.u8());

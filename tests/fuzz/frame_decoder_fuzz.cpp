@@ -51,10 +51,11 @@ class Session {
   void announce(ByteReader& reader) {
     const control::StreamInfo info = stream_from(reader);
     decoder_.set_stream(info);
+    reader_.begin(info.stream_id, 0, info.epoch);
     if (info.state == control::StreamInfo::State::kLive) epoch_ = info.epoch;
   }
 
-  /// An envelope that goes on from where the decoder is, or nearly so.
+  /// A frame, of an envelope that goes on from where the decoder is, or nearly so.
   void send(ByteReader& reader) {
     Envelope head;
     head.kind = static_cast<FrameKind>(1 + reader.u8() % 5);
@@ -76,21 +77,28 @@ class Session {
     } else {
       payload = well_made(head, layout, reader);
     }
-    take(message_of(head, payload));
+    take(FrameView{head, payload});
   }
 
   void take(ByteView message) {
     const auto frame = parse_frame(message);
     if (!frame) return;
+    if (const auto whole = reader_.read(*frame)) take(*whole);
+  }
+
+  void take(const FrameView& frame) {
     const FrameDecoder::Counts before = decoder_.counts();
-    const auto pose = decoder_.decode(*frame);
+    const auto pose = decoder_.decode(frame);
     const FrameDecoder::Counts& after = decoder_.counts();
     require(after.keys >= before.keys && after.rejected >= before.rejected && after.missed >= before.missed);
     if (!pose) return require(after.rejected > before.rejected);
     if (*pose) check(**pose);
   }
 
-  void restart() { decoder_.restart(); }
+  void restart() {
+    decoder_.restart();
+    reader_.restart();
+  }
 
   /// Whatever came before, a join that is well made is shown.
   void end() {
@@ -116,21 +124,6 @@ class Session {
   }
 
  private:
-  /// As append_envelope, which takes no heads that are not well made.
-  static Bytes message_of(const Envelope& head, const Bytes& payload) {
-    Bytes message;
-    ByteWriter writer(message);
-    writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(head.kind) | unsigned{head.flags} << 3));
-    writer.u8(head.bands.bits);
-    writer.u8(head.step.byte());
-    writer.u32(head.stream_id);
-    writer.u32(head.epoch);
-    writer.u64(head.sequence);
-    writer.u64(static_cast<std::uint64_t>(head.capture_us));
-    writer.bytes(payload);
-    return message;
-  }
-
   static Bytes well_made(Envelope& head, const CoefficientLayout& layout, ByteReader& reader) {
     const ChainState state = state_from(layout, reader);
     head.bands = layout.all_bands();
@@ -148,6 +141,7 @@ class Session {
   }
 
   FrameDecoder decoder_;
+  EnvelopeReader reader_;
   std::uint32_t epoch_ = 0;
 };
 

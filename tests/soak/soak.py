@@ -26,7 +26,7 @@ def upgrade(port, path):
     peer = socket.create_connection(("127.0.0.1", port), timeout=10)
     key = base64.b64encode(os.urandom(16)).decode()
     peer.sendall((f"GET {path} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
-                  "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n").encode())
+                  "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: eigencast.v2\r\n\r\n").encode())
     head = b""
     while b"\r\n\r\n" not in head:
         part = peer.recv(4096)

@@ -19,8 +19,9 @@ import time
 import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "tools")]
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "tools"), str(ROOT / "bench/broker")]
 import cases
+import payloads
 import reference_decoder
 from websocket_peer import BINARY, TEXT, Broker, Peer, frame
 
@@ -62,9 +63,10 @@ class Capture:
     """What one viewer is sent, from its first join on; a thread reads until close()."""
 
     def __init__(self, port, stream, query):
-        self.peer = Peer(port, f"/v1/subscribe/{stream}?{query}", "eigencast.v1")
+        self.peer = Peer(port, f"/v1/subscribe/{stream}?{query}", "eigencast.v2")
         self.peer.sock.settimeout(PATIENCE_S)
-        self.stream, self.format, self.frames, self.closing = stream, None, [], False
+        self.stream, self.format, self.frames, self.heads, self.closing = stream, None, [], [], False
+        self.chain = payloads.Chain()
         self.thread = threading.Thread(target=self.read)
         self.thread.start()
 
@@ -74,6 +76,7 @@ class Capture:
                 opcode, payload = self.peer.receive()
                 if opcode == BINARY:
                     self.frames.append(payload)
+                    self.heads.append(self.chain.read(payload))
                 elif opcode == TEXT and (message := json.loads(payload)).get("state") == "live":
                     self.format = message["format"]
         except (OSError, EOFError):
@@ -87,13 +90,13 @@ class Capture:
         self.peer.sock.close()
 
     def capture_times(self):
-        return {int.from_bytes(f[19:27], "little") for f in self.frames}
+        return {head.capture_us for head in self.heads}
 
     def ask(self, mask, **profile):
         """Returns when a frame with just these bands came."""
-        begin = len(self.frames)
+        begin = len(self.heads)
         self.peer.send(frame(TEXT, json.dumps({"op": "subscribe", "stream": self.stream, "profile": profile}).encode()))
-        wait_until(f"bands {mask}", lambda: any(f[1] == mask for f in self.frames[begin:]))
+        wait_until(f"bands {mask}", lambda: any(head.bands == mask for head in self.heads[begin:]))
 
     def write(self, path, scheme):
         text = "format " + json.dumps({**self.format, "scheme": scheme}) + "\n"

@@ -41,20 +41,20 @@ def deliver(port, poses):
     template, rows = payloads.float_join(SIZE)
     body, name = payloads.asset()
     urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{name}", data=body, method="PUT")).close()
-    viewers = [Peer(port, "/v1/subscribe/s?rate=raw", "eigencast.v1") for _ in range(VIEWERS)]
-    sender = Peer(port, "/v1/publish/s", "eigencast.v1")
+    viewers = [Peer(port, "/v1/subscribe/s?rate=raw", "eigencast.v2") for _ in range(VIEWERS)]
+    sender = Peer(port, "/v1/publish/s", "eigencast.v2")
     for peer in [sender, *viewers]:
         peer.sock.settimeout(60)
     sender.send(frame(TEXT, payloads.announce(name, rows, "float32").encode()))
     for sequence in range(poses):
-        pose = template[:11] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[27:]
+        pose = payloads.stamped(template, sequence, 1000 * sequence + 1)
         sender.send(frame(BINARY, pose))
         for viewer in viewers:
             while True:
                 opcode, payload = viewer.receive()
                 if opcode == BINARY:
                     break
-            assert payload[11:19] == pose[11:19], "a pose was skipped"
+            assert payloads.Chain().read(payload).sequence == payloads.WIDE + sequence, "a pose was dropped"
     for peer in [sender, *viewers]:
         peer.sock.close()
 

@@ -107,7 +107,7 @@ def token(subject):
 
 def connect(port, path, subject=None):
     """A WebSocket, of a token or of nobody."""
-    return Peer(port, path, "eigencast.v1", [f"Authorization: Bearer {token(subject)}"] if subject else [])
+    return Peer(port, path, "eigencast.v2", [f"Authorization: Bearer {token(subject)}"] if subject else [])
 
 
 def order(peer, op, **fields):
@@ -356,7 +356,7 @@ class HttpAccess(unittest.TestCase):
     def test_an_upgrade_has_no_body(self):
         data, _ = self.start()
         for field in ("Content-Length: 5", "Transfer-Encoding: chunked"):
-            peer = Peer(data, "/v1/subscribe", "eigencast.v1", [field])
+            peer = Peer(data, "/v1/subscribe", "eigencast.v2", [field])
             self.assertEqual(peer.status, 400)
             self.assertIn("Connection: close", peer.head)
             peer.sock.close()
@@ -519,7 +519,7 @@ class HttpAccess(unittest.TestCase):
         asks = [frame(TEXT, json.dumps({"op": "subscribe", "stream": "show", "profile": {"rate": "raw", "bands": 1 + i % 2}}).encode()) for i in range(100)]
         viewers = []
         for _ in range(16):
-            viewers.append(Peer(data, "/v1/subscribe", "eigencast.v1", receive_buffer=2048))
+            viewers.append(Peer(data, "/v1/subscribe", "eigencast.v2", receive_buffer=2048))
             self.addCleanup(viewers[-1].sock.close)
             viewers[-1].send(*asks)
         while (left := sum(client["kind"] == "viewer" for client in json.loads(ask(admin, "GET", "/api/clients")[2])["clients"])) > 8:
@@ -538,11 +538,11 @@ class HttpAccess(unittest.TestCase):
         values = struct.pack("<32768d", *(32768 * [1.25]))
         key = bytes([len(values) & 127 | 128, len(values) >> 7 & 127 | 128, len(values) >> 14]) + values
         self.assertEqual(len(values), 1 << 18)
-        join = bytes([0, 0, 0, 1, 0]) + bytes([128, 128, 32]) + 2 * values
-        sender.send(frame(BINARY, struct.pack("<BBBIIQQ", 2, 1, 0, 0, 0, 0, 1) + join))
+        join = bytes([0, 0, 0, 1]) + bytes([128, 128, 32]) + 2 * values
+        sender.send(frame(BINARY, payloads.Chain().write(payloads.JOIN, 1, 0, 1, answer["tag"]) + join))
         count = lambda: sum(client["kind"] == "viewer" for client in json.loads(ask(admin, "GET", "/api/clients")[2])["clients"])
         for _ in range(16):
-            viewer = Peer(data, "/v1/subscribe/show?rate=raw", "eigencast.v1", receive_buffer=2048)
+            viewer = Peer(data, "/v1/subscribe/show?rate=raw", "eigencast.v2", receive_buffer=2048)
             self.addCleanup(viewer.sock.close)
         self.assertEqual(count(), 16)
         while count() > 4:
@@ -551,7 +551,7 @@ class HttpAccess(unittest.TestCase):
         reader = connect(data, "/v1/subscribe/show?rate=raw", "guest")
         while (heard := reader.receive())[0] != BINARY:
             pass
-        self.assertEqual(heard[1][27:], join, "who reads is served")
+        self.assertEqual(heard[1][payloads.Chain().read(heard[1]).size:], join, "who reads is served")
 
     def test_memory_of_streams_is_limited_in_bytes(self):
         data, _ = self.start(f"--access-jwt-secret={SECRET}", "--access-anonymous=nowhere", "--limits-max-stream-bytes=30000000")
@@ -606,12 +606,13 @@ class HttpAccess(unittest.TestCase):
         return sender, hear(sender, "announced", "error")
 
     def large_stream(self, port, name, subject):
-        """A sender of 32,768 coefficients, and keys of 30 bytes that change none of them."""
+        """A sender of 32,768 coefficients, and keys of 9 bytes that change none of them."""
         sender, answer = self.announce_large(port, name, subject)
         self.assertEqual(answer["op"], "announced", answer)
-        pose = lambda kind, i: struct.pack("<BBBIIQQ", kind, 1, 0, 0, 0, i, 1_000_000 + i)
-        sender.send(frame(BINARY, pose(2, 0) + bytes([2, 160, 160, 1, 0, 2, 0x9F, 0x9F])))
-        return sender, b"".join(frame(BINARY, pose(1, 1 + i) + bytes([3, 1, 0xBF])) for i in range(1500))
+        chain = payloads.Chain()
+        pose = lambda kind, i: chain.write(kind, 1, i, 1_000_000 + i, answer["tag"])
+        sender.send(frame(BINARY, pose(payloads.JOIN, 0) + bytes([2, 160, 160, 1, 2, 0x9F, 0x9F])))
+        return sender, b"".join(frame(BINARY, pose(payloads.KEY, 1 + i) + bytes([3, 1, 0xBF])) for i in range(1500))
 
     def flood(self, peer, data):
         """Sends what the connection takes at once; then another holder is answered, often enough that all could be read."""
@@ -750,7 +751,7 @@ class Logs(unittest.TestCase):
 
     def announce(self, port, assets):
         """One connection announces surfaces that are not here, each of another name. How many were refused before it was."""
-        peer, refused = Peer(port, "/v1/publish/a", "eigencast.v1"), 0
+        peer, refused = Peer(port, "/v1/publish/a", "eigencast.v2"), 0
         try:
             for asset in assets:
                 peer.send(frame(TEXT, payloads.announce(asset, 3, "float32").encode()))

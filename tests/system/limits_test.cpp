@@ -64,7 +64,7 @@ class Wire {
 std::string upgrade_of(const std::string& path, const std::string& headers = {}) {
   return "GET " + path +
          " HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n" +
+         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: eigencast.v2\r\n" +
          headers + "\r\n";
 }
 

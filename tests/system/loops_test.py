@@ -5,6 +5,7 @@ beside them, orders that find their clients in either, a stop that reaches both.
 
     loops_test.py BROKER [-v]
 """
+import collections
 import hashlib
 import http.client
 import itertools
@@ -28,7 +29,7 @@ import payloads
 from websocket_peer import BINARY, CLOSE, TEXT, Broker, Peer, frame, ports_of
 
 BROKER = None
-SUBPROTOCOL = "eigencast.v1"
+SUBPROTOCOL = "eigencast.v2"
 VIEWERS, KEYS, ENDS = 8, 30, [4, 8]
 
 
@@ -43,11 +44,14 @@ def next_control(peer, *ops):
             return message
 
 
+chains = collections.defaultdict(payloads.Chain)  # Of senders and viewers, by peer.
+
+
 def next_sequence(peer):
     while True:
         opcode, payload = peer.receive()
         if opcode == BINARY:
-            return int.from_bytes(payload[11:19], "little")
+            return chains[peer].read(payload).sequence
 
 
 def closed_with(peer):
@@ -118,7 +122,7 @@ class Loops(unittest.TestCase):
         bands = [[0.5] * (3 * (end - begin)) for begin, end in zip([0, *ENDS], ENDS)]
         for sequence in itertools.islice(self.sequences, keys):
             kind = payloads.KEY if sequence else payloads.JOIN
-            sender.send(frame(BINARY, payloads.float_frame(kind, sequence, 1_000_000 + sequence * 10_000, bands)))
+            sender.send(frame(BINARY, payloads.float_frame(chains[sender], kind, sequence, 1_000_000 + sequence * 10_000, bands)))
             for viewer in viewers:
                 while (got := next_sequence(viewer)) < sequence:  # A late viewer gets the present pose first.
                     pass

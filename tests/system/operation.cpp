@@ -54,7 +54,7 @@ int upgrade(const std::string& port, const std::string& target, const char* from
   if (fd >= 0 && send_all(fd, "GET " + target +
                                   " HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                                   "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
-                                  "Sec-WebSocket-Protocol: eigencast.v1\r\n\r\n")) {
+                                  "Sec-WebSocket-Protocol: eigencast.v2\r\n\r\n")) {
     for (char c = 0; head.find("\r\n\r\n") == std::string::npos && ::recv(fd, &c, 1, 0) == 1;) head += c;
   }
   if (head.starts_with("HTTP/1.1 101")) return fd;

@@ -22,7 +22,7 @@ import payloads
 from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, frame, port_of, ports_of
 
 BROKER = RELAY = None
-SUBPROTOCOL = "eigencast.v1"
+SUBPROTOCOL = "eigencast.v2"
 PATIENCE_S = 90
 
 
@@ -31,7 +31,7 @@ def now_us():
 
 
 class Sender(threading.Thread):
-    """Publishes float32 keys of `ends` bands at `rate`, stamped with now_us(), until it is stopped."""
+    """Publishes float32 keys of `ends` bands at `rate`, stamped evenly by the clock of now_us(), until it is stopped."""
 
     def __init__(self, port, stream, ends, rate):
         super().__init__()
@@ -40,16 +40,19 @@ class Sender(threading.Thread):
         body, name = payloads.asset()
         urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{name}", data=body, method="PUT")).close()
         self.peer.send(frame(TEXT, payloads.announce(name, ends[-1], "float32", ends, rate).encode()))
-        while b'"announced"' not in self.peer.receive()[1]:
+        while b'"announced"' not in (text := self.peer.receive()[1]):
             pass
+        self.tag = json.loads(text)["tag"]
         self.bands = [[0.5] * (3 * (end - begin)) for begin, end in zip([0, *ends], ends)]
         self.start()
 
     def run(self):
-        start, sequence = time.monotonic(), 0
+        start, sequence, chain = time.monotonic(), 0, payloads.Chain()
         while not self.stopped.is_set():
             kind = payloads.KEY if sequence else payloads.JOIN
-            self.peer.send(frame(BINARY, payloads.float_frame(kind, sequence, now_us(), self.bands)))
+            # Even times, so that frames have one size: the window that a kernel offers follows sizes that change.
+            capture_us = int(start * 1_000_000) + sequence * (1_000_000 // self.rate)
+            self.peer.send(frame(BINARY, payloads.float_frame(chain, kind, sequence, capture_us, self.bands, self.tag)))
             sequence += 1
             time.sleep(max(0, start + sequence / self.rate - time.monotonic()))
 
@@ -69,6 +72,7 @@ class Viewer:
         self.answers = answers
         self.peer = Peer(port, f"/v1/subscribe/{stream}{query}", SUBPROTOCOL, receive_buffer=receive_buffer)
         self.captures, self.profiles, self.notices, self.newest = [], [], [], None
+        self.chain = payloads.Chain()
         if acknowledges:
             threading.Thread(target=self.acknowledge, daemon=True).start()
 
@@ -97,9 +101,9 @@ class Viewer:
             raise EOFError("the broker closed")
 
     def on_frame(self, payload):
-        number = lambda begin, end: int.from_bytes(payload[begin:end], "little")
-        self.captures.append(number(19, 27))
-        self.newest = {"stream_id": number(3, 7), "sequence": number(11, 19), "step": payload[2]}
+        head = self.chain.read(payload)
+        self.captures.append(head.capture_us)
+        self.newest = {"stream_id": head.stream_id, "sequence": head.sequence, "step": head.at << 4 | head.of}
 
     def read_until(self, condition, pause=0.0):
         end = time.monotonic() + PATIENCE_S

@@ -168,10 +168,16 @@ std::size_t whole_intervals(const std::vector<RecordedPose>& poses, double round
 /// What the broker's stream gives a viewer, decoded.
 class Decoded : public broker::Watcher {
  public:
-  void on_stream_changed(const broker::Stream& stream, bool) override { decoder_.set_stream(stream.info_for(*this)); }
+  void on_stream_changed(const broker::Stream& stream, bool) override {
+    const control::StreamInfo info = stream.info_for(*this);
+    reader_.begin(info.stream_id, info.tag, info.epoch);
+    decoder_.set_stream(info);
+  }
   void on_frames(const broker::Stream&, std::span<const broker::FramePtr> frames) override {
     for (const broker::FramePtr& frame : frames) {
-      const auto view = parse_frame(frame->message());
+      const auto parsed = parse_frame(frame->message());
+      ASSERT_TRUE(parsed);
+      const auto view = reader_.read(*parsed);
       ASSERT_TRUE(view);
       const auto key = decoder_.decode(*view);
       ASSERT_TRUE(key) << key.error().message;
@@ -186,6 +192,7 @@ class Decoded : public broker::Watcher {
   std::vector<RecordedPose> poses;
 
  private:
+  EnvelopeReader reader_;
   FrameDecoder decoder_;
 };
 
@@ -236,8 +243,6 @@ TEST_P(Interpolated, EveryIntervalTriplesOnASteppedClock) {
   const Quantiser quantiser = quantiser_of(asset);
   const CoefficientLayout layout{codec_from_name(codec()).value(), asset.rank, 3, default_band_ends(asset.rank)};
   KeyWriter writer(layout, codec() == "quantised" ? quantiser.half_spacing : std::uint8_t{0}, std::nullopt);
-  writer.begin(7, 1);
-
   broker::Stream stream("live/test", 7, broker::Stream::Settings{});
   NoSender sender;
   Decoded viewer;
@@ -249,6 +254,7 @@ TEST_P(Interpolated, EveryIntervalTriplesOnASteppedClock) {
   announce.format = {asset.rank, 3, layout.band_ends, codec()};
   announce.key_rate_hz = 20;
   ASSERT_TRUE(stream.announce(announce, 1));
+  writer.begin({"live/test", 7, 1, stream.tag()});
 
   constexpr std::size_t kKeys = 60;
   constexpr TimeUs kIntervalUs = 50'000;

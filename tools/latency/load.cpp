@@ -46,7 +46,7 @@ struct Viewer {
   int fd = -1;
   enum class State : std::uint8_t { kConnecting, kUpgrading, kWatching, kGone } state = State::kConnecting;
   Bytes in;
-  std::optional<std::uint64_t> newest;
+  std::optional<ChainClock> newest;
   std::optional<control::Ack::Item> ack;
 };
 
@@ -83,7 +83,7 @@ class LightViewers final : public Load {
                " HTTP/1.1\r\nHost: " + url.host + ":" + std::to_string(url.port) +
                (token.empty() ? "" : "\r\nAuthorization: Bearer " + token) +
                "\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-               "Sec-WebSocket-Key: ZWlnZW5jYXN0LWxvYWRlcg==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n";
+               "Sec-WebSocket-Key: ZWlnZW5jYXN0LWxvYWRlcg==\r\nSec-WebSocket-Protocol: eigencast.v2\r\n\r\n";
     poll_ = epoll_create1(EPOLL_CLOEXEC);
     thread_ = std::thread([this] { run(); });
   }
@@ -235,19 +235,18 @@ class LightViewers final : public Load {
   }
 
   void take_frame(Viewer& viewer, ByteView bytes, TimeUs now) {
-    const auto frame = parse_frame(bytes);
+    const auto parsed = parse_frame(bytes);
+    const ChainClock* newest = viewer.newest ? &*viewer.newest : nullptr;
+    const auto frame = parsed ? resolved(*parsed, newest, 0) : std::nullopt;
     if (!frame) return void(++figures_.undecodable);
     const Envelope& head = frame->envelope;
     viewer.ack = control::Ack::Item{head.stream_id, head.sequence, head.step.byte()};
     ++figures_.frames;
     figures_.bytes += bytes.size();
-    const bool key = head.kind == FrameKind::kKey || head.kind == FrameKind::kJoin;
-    if (key) {
-      if (viewer.newest && head.sequence > *viewer.newest + 1)
-        figures_.keys_missed += head.sequence - *viewer.newest - 1;
-      if (head.kind == FrameKind::kKey && (!viewer.newest || head.sequence != *viewer.newest + 1))
-        ++figures_.undecodable;
-      viewer.newest = head.sequence;
+    if (head.is_key()) {
+      if (newest != nullptr && head.sequence > newest->sequence + 1)
+        figures_.keys_missed += head.sequence - newest->sequence - 1;
+      viewer.newest = ChainClock::after(head, newest);
     }
     // The first join may hold an old pose: its age is not a delay of the stream.
     if (counting_ && head.kind != FrameKind::kJoin && (head.flags & Envelope::kAhead) == 0)

@@ -42,6 +42,8 @@ struct Client::Socket {
   websocket::response_type response;
   beast::flat_buffer buffer;
   ErrorOf error;
+  std::map<std::uint32_t, EnvelopeReader> readers;  ///< By stream id.
+  std::uint8_t tag = 0;                             ///< Of the epoch that this sender was granted.
 };
 
 Client::Client(std::uint16_t port, const std::string& target, const std::string& subprotocol)
@@ -74,7 +76,8 @@ void Client::send_text(const std::string& text) {
   socket_->stream.write(asio::buffer(text), socket_->error);
 }
 
-void Client::send_frame(const Bytes& frame) {
+void Client::send_frame(Bytes frame) {
+  if (frame.size() > 2 && socket_->tag != 0) frame[2] = socket_->tag;
   socket_->stream.binary(true);
   socket_->stream.write(asio::buffer(frame), socket_->error);
 }
@@ -93,20 +96,35 @@ bool Client::read() {
   return !failed();
 }
 
+bool Client::got_text() {
+  if (!socket_->stream.got_text()) return false;
+  const auto message = control_from_text(beast::buffers_to_string(socket_->buffer.data()));
+  const auto* announced = message ? std::get_if<control::Announced>(&*message) : nullptr;
+  if (announced != nullptr) socket_->tag = announced->tag;
+  const auto* info = message ? std::get_if<control::StreamInfo>(&*message) : nullptr;
+  if (info != nullptr) socket_->readers[info->stream_id].begin(info->stream_id, info->tag, info->epoch);
+  return true;
+}
+
 ControlMessage Client::next_control() {
   do {
     if (!read()) return control::Bye{"(closed)", 0};
-  } while (!socket_->stream.got_text());
+  } while (!got_text());
   return control_from_text(beast::buffers_to_string(socket_->buffer.data())).value();
 }
 
 FramePtr Client::next_frame() {
   do {
     if (!read()) return nullptr;
-  } while (socket_->stream.got_text());
+  } while (got_text());
   const auto data = socket_->buffer.cdata();
-  const auto view = parse_frame({static_cast<const std::uint8_t*>(data.data()), data.size()}).value();
-  return make_frame(view.envelope, view.payload);
+  auto frame = std::make_shared<Frame>();
+  frame->wire.assign(static_cast<const std::uint8_t*>(data.data()),
+                     static_cast<const std::uint8_t*>(data.data()) + data.size());
+  const auto parsed = parse_frame(frame->wire).value();
+  EnvelopeReader& reader = socket_->readers[parsed.envelope.stream_id];
+  frame->envelope = reader.read(parsed).value().envelope;
+  return frame;
 }
 
 int Client::close_code() {

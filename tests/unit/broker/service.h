@@ -26,7 +26,7 @@ namespace eigencast::broker::testing {
 /// A WebSocket client. Throws if the port is closed.
 class Client {
  public:
-  Client(std::uint16_t port, const std::string& target, const std::string& subprotocol = "eigencast.v1");
+  Client(std::uint16_t port, const std::string& target, const std::string& subprotocol = "eigencast.v2");
   ~Client();
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
@@ -38,7 +38,8 @@ class Client {
 
   void send(const ControlMessage& message);
   void send_text(const std::string& text);
-  void send_frame(const Bytes& frame);
+  /// A FakeSender's, with the tag that this client was granted.
+  void send_frame(Bytes frame);
   /// Whether the last call failed, as all do once the connection is closed; and why.
   bool failed() const;
   std::string failure() const;
@@ -58,12 +59,14 @@ class Client {
       }
     }
   }
+  /// In full, as the `stream` messages before it let a viewer read it.
   FramePtr next_frame();
   /// Reads to the end, and returns the code that the broker closed with.
   int close_code();
 
  private:
   struct Socket;
+  bool got_text();  ///< Notes what the message just read says of streams.
   std::unique_ptr<Socket> socket_;
 };
 

@@ -243,7 +243,7 @@ TEST_F(ServiceTest, CloseCodesMatchTheProtocol) {
 }
 
 TEST_F(ServiceTest, UpgradesAreChecked) {
-  for (const char* protocol : {"", "eigencast.v2", "chat"}) {
+  for (const char* protocol : {"", "eigencast.v1", "chat"}) {
     Client client(port_, "/v1/subscribe/a", protocol);
     EXPECT_EQ(client.status(), 400) << protocol;
   }
@@ -251,8 +251,8 @@ TEST_F(ServiceTest, UpgradesAreChecked) {
   EXPECT_EQ(Client(port_, "/v1/subscribe/a/../b").status(), 400);
   EXPECT_EQ(Client(port_, "/nothing").status(), 404);
   EXPECT_EQ(request("GET", "/v1/subscribe/a").status, 426);
-  const Client several(port_, "/v1/subscribe/a", "chat, eigencast.v1");
-  EXPECT_EQ(several.subprotocol(), "eigencast.v1");
+  const Client several(port_, "/v1/subscribe/a", "chat, eigencast.v2");
+  EXPECT_EQ(several.subprotocol(), "eigencast.v2");
 }
 
 TEST_F(ServiceTest, AnnouncementsAreChecked) {
@@ -397,7 +397,7 @@ TEST_F(ServiceTest, PosesBeyondTheBudgetOfTheirViewersAreLeftOut) {
   for (std::uint64_t newest = 0; newest + 2 < sent;) {
     const FramePtr frame = viewers.front().next_frame();
     ASSERT_NE(frame, nullptr);
-    if (frame->is_key) newest = frame->envelope.sequence;
+    if (frame->envelope.is_key()) newest = frame->envelope.sequence;
   }
   stop();
 }

@@ -23,15 +23,18 @@ control::Announce large_announce() {
   return announce;
 }
 
-Bytes large_message(std::uint64_t sequence, TimeUs capture_us) {
+Bytes large_message(const Stream& stream, std::uint64_t sequence, TimeUs capture_us) {
+  const KeyRecordPtr& newest = stream.snapshot().newest;
+  const ChainClock clock = newest ? newest->clock() : ChainClock{};
   Bytes message;
   append_envelope({.kind = sequence == 0 ? FrameKind::kJoin : FrameKind::kKey,
                    .bands = 1,
                    .step = {},
                    .sequence = sequence,
-                   .capture_us = capture_us},
-                  message);
-  const Bytes join{2, 160, 160, 1, 0, 2, 0x9f, 0x9f}, key{3, 1, 0xbf};
+                   .capture_us = capture_us,
+                   .tag = stream.tag()},
+                  &clock, message);
+  const Bytes join{2, 160, 160, 1, 2, 0x9f, 0x9f}, key{3, 1, 0xbf};
   const Bytes& payload = sequence == 0 ? join : key;
   message.insert(message.end(), payload.begin(), payload.end());
   return message;
@@ -60,6 +63,8 @@ Bytes FakeSender::next(TimeUs capture_us) {
   head.capture_us = capture_us;
   head.bands = 3;
   head.kind = state_ ? FrameKind::kKey : FrameKind::kJoin;
+  head.tag = tag;
+  const ChainClock newest{sequence_ - 2, last_us_, state_ ? state_->age_us : 0};
   Bytes message, payload;
   if (state_) {
     payload = encode_key(small_layout(), *state_, key, 0).value().payload;
@@ -68,7 +73,7 @@ Bytes FakeSender::next(TimeUs capture_us) {
     state_ = advanced({}, key, 0);
     payload = encode_join(small_layout(), *state_).value();
   }
-  append_envelope(head, message);
+  append_envelope(head, &newest, message);
   message.insert(message.end(), payload.begin(), payload.end());
   last_us_ = capture_us;
   return message;
@@ -76,7 +81,12 @@ Bytes FakeSender::next(TimeUs capture_us) {
 
 void FakeReceiver::on_stream_changed(const Stream& stream, bool restart) {
   infos.push_back(stream.info_for(*this));
-  if (restart) state_.reset();
+  const control::StreamInfo& info = infos.back();
+  reader_.begin(info.stream_id, info.tag, info.epoch);
+  reads_ = true;
+  if (!restart) return;
+  state_.reset();
+  reader_.restart();
 }
 
 void FakeReceiver::on_frames(const Stream&, std::span<const FramePtr> received) {
@@ -94,23 +104,26 @@ void FakeReceiver::on_trace(const std::shared_ptr<const std::string>& text) {
 }
 
 void FakeReceiver::decode(const Frame& frame) {
-  const auto view = parse_frame(frame.message());
-  if (!view) return void(++undecodable);
-  const Envelope& head = view->envelope;
+  const auto parsed = parse_frame(frame.message());
+  if (!parsed) return void(++undecodable);
+  const auto read = reader_.read(*parsed);
+  if (reads_ && (!read || read->envelope != frame.envelope)) return void(++undecodable);
+  const Envelope& head = frame.envelope;
   if (head.kind == FrameKind::kJoin) {
-    auto state = decode_join(small_layout(), head.bands, view->payload);
+    auto state = decode_join(small_layout(), head.bands, parsed->payload);
     if (!state) return void(++undecodable);
     state_ = *state;
+    state_->age_us = head.age_us;
     newest_ = head.sequence;
     newest_us_ = head.capture_us;
     show(head, state_->newer);
   } else if (head.kind == FrameKind::kStep || head.kind == FrameKind::kEstimate) {
     if (!state_ || head.sequence != newest_) return void(++undecodable);
-    const auto key = head.bands.empty() ? made(head) : decode_key(small_layout(), head.bands, *state_, view->payload);
+    const auto key = head.bands.empty() ? made(head) : decode_key(small_layout(), head.bands, *state_, parsed->payload);
     if (!key) return void(++undecodable);
     show(head, *key);
   } else {
-    decode_key_frame(head, view->payload);
+    decode_key_frame(head, parsed->payload);
   }
 }
 

@@ -27,7 +27,7 @@ control::Announce small_announce();
 
 /// A stream of 32,768 coefficients, and the messages of its sender: a join, then keys that change nothing, all short.
 control::Announce large_announce();
-Bytes large_message(std::uint64_t sequence, TimeUs capture_us);
+Bytes large_message(const Stream& stream, std::uint64_t sequence, TimeUs capture_us);
 
 /// The bytes of a manifest of no surface that lists these chunks.
 Bytes manifest_of(const std::vector<Sha256>& chunks);
@@ -46,6 +46,7 @@ class FakeSender : public PublisherLink {
   void on_watcher_count(std::uint32_t count) override { counts.push_back(count); }
 
   std::vector<std::uint32_t> counts;
+  std::uint8_t tag = 1;  ///< Of its stream's epoch: new ones count from 1.
 
  private:
   std::uint64_t sequence_ = 0;
@@ -109,6 +110,8 @@ class FakeReceiver : public Watcher {
   Result<Key> made(const Envelope& head) const;
 
   std::string holder_;
+  EnvelopeReader reader_;
+  bool reads_ = false;  ///< It knows its stream, so that `reader_` must find the envelopes of frames.
   std::optional<ChainState> state_;
   std::uint64_t newest_ = 0;
   TimeUs newest_us_ = 0;

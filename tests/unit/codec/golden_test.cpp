@@ -79,8 +79,9 @@ class Stream {
     const auto decoded = decode_join(layout_, bands, payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
     receiver_ = *decoded;
-    write({FrameKind::kJoin, 0, bands, {}, 7, 3, sequence_, capture(3, 3)}, payload,
-          ",\"age_us\":" + std::to_string(decoded->age_us) + ",\"older\":" + json_of(layout_, decoded->older) +
+    receiver_->age_us = sender_->age_us;
+    write({FrameKind::kJoin, 0, bands, {}, 7, 3, sequence_, capture(3, 3), 200, sender_->age_us}, payload,
+          ",\"age_us\":" + std::to_string(sender_->age_us) + ",\"older\":" + json_of(layout_, decoded->older) +
               ",\"newer\":" + json_of(layout_, decoded->newer));
   }
   void first(const Key& key) {
@@ -99,7 +100,7 @@ class Stream {
     }
     receiver_ = advanced(receiver_, *decoded, 30'000);
     sender_ = advanced(sender_, *decoded, 30'000);
-    write({FrameKind::kKey, flags, bands, {}, 7, 3, sequence_, capture(3, 3)}, payload,
+    write({FrameKind::kKey, flags, bands, {}, 7, 3, sequence_, capture(3, 3), 200}, payload,
           ",\"pose\":" + json_of(layout_, *decoded));
   }
   void synthetic(const Key& coming, std::uint8_t at, std::uint8_t of, std::uint8_t half_spacing) {
@@ -109,13 +110,13 @@ class Stream {
     ASSERT_TRUE(decoded) << decoded.error().message;
     ASSERT_EQ(*decoded, coded);
     ++sequence_;
-    write({FrameKind::kSynthetic, 0, pose.bands, {at, of}, 7, 3, sequence_, capture(at, of)}, payload,
+    write({FrameKind::kSynthetic, 0, pose.bands, {at, of}, 7, 3, sequence_, capture(at, of), 200}, payload,
           ",\"pose\":" + json_of(layout_, *decoded));
     --sequence_;
   }
   void step(std::uint8_t at, std::uint8_t of) {
     const Key pose = interpolate_keys(layout_, receiver_->older, receiver_->newer, at, of).value();
-    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of)}, {},
+    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of), 200}, {},
           ",\"pose\":" + json_of(layout_, pose));
   }
 
@@ -123,14 +124,14 @@ class Stream {
     const auto& [older, newer, age_us] = *receiver_;
     const Key pose = hermite_keys(layout_, velocities, older, newer, age_us, at, of).value();
     ASSERT_NE(pose, interpolate_keys(layout_, older, newer, at, of).value());
-    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of)}, {},
+    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of), 200}, {},
           ",\"pose\":" + json_of(layout_, pose));
   }
   void estimate(bool damped, bool in_full, std::uint8_t at, std::uint8_t of) {
     const Key pose = estimate_keys(layout_, receiver_->older, receiver_->newer, damped, at, of).value();
     const Bytes payload = in_full ? encode_key(layout_, *sender_, pose, 0).value().payload : Bytes();
     const BandMask bands = in_full ? pose.bands : BandMask();
-    write({FrameKind::kEstimate, 0, bands, {at, of}, 7, 3, sequence_, capture(of + at, of)}, payload,
+    write({FrameKind::kEstimate, 0, bands, {at, of}, 7, 3, sequence_, capture(of + at, of), 200}, payload,
           ",\"pose\":" + json_of(layout_, pose));
   }
 
@@ -153,22 +154,26 @@ class Stream {
 
   void write(const Envelope& envelope, const Bytes& payload, const std::string& decoded) {
     Bytes frame;
-    append_envelope(envelope, frame);
+    append_envelope(envelope, newest_ ? &*newest_ : nullptr, frame);
     frame.insert(frame.end(), payload.begin(), payload.end());
     const auto parsed = parse_frame(frame);
     ASSERT_TRUE(parsed) << parsed.error().message;
-    ASSERT_EQ(parsed->envelope, envelope);
+    const auto read = resolved(*parsed, newest_ ? &*newest_ : nullptr, 3);
+    ASSERT_TRUE(read);
+    ASSERT_EQ(read->envelope, envelope);
+    if (envelope.is_key()) newest_ = ChainClock::after(envelope, newest_ ? &*newest_ : nullptr);
     frames_ += hex_of(frame) + "\n";
     constexpr const char* kNames[] = {"", "key", "join", "synthetic", "step", "estimate"};
     poses_ += std::string("{\"kind\":\"") + kNames[static_cast<int>(envelope.kind)] +
               "\",\"flags\":" + std::to_string(envelope.flags) + ",\"bands\":" + std::to_string(envelope.bands.bits) +
               ",\"at\":" + std::to_string(envelope.step.at) + ",\"of\":" + std::to_string(envelope.step.of) +
-              ",\"stream_id\":7,\"epoch\":3,\"sequence\":" + std::to_string(envelope.sequence) +
+              ",\"stream_id\":7,\"tag\":200,\"sequence\":" + std::to_string(envelope.sequence) +
               ",\"capture_us\":" + std::to_string(envelope.capture_us) + decoded + "}\n";
   }
 
   CoefficientLayout layout_;
   std::optional<ChainState> sender_, receiver_;
+  std::optional<ChainClock> newest_;
   std::uint64_t sequence_ = 1;
   std::string frames_, poses_;
 };

@@ -257,7 +257,7 @@ class DeafServer {
 };
 
 TEST(WebSocket, UnsentBytesAreCountedThenDropped) {
-  DeafServer server("eigencast.v1");
+  DeafServer server("eigencast.v2");
   Log log;
   auto options = options_for(server.url(), "/");
   options.max_unsent_bytes = 100'000;
@@ -285,7 +285,7 @@ TEST(WebSocket, ConcurrentSendsArriveWholeAndInOrder) {
   };
   std::array<std::uint8_t, kThreads> heard{};
   std::atomic<bool> all_heard = false;
-  DeafServer server("eigencast.v1", [&](DeafServer::Socket& socket) {
+  DeafServer server("eigencast.v2", [&](DeafServer::Socket& socket) {
     beast::flat_buffer in;
     for (int i = 0; i < kThreads * kEach; ++i, in.clear()) {
       if (i % 4 == 0) socket.ping({});  // Answers leave among the messages.
@@ -315,7 +315,7 @@ TEST(WebSocket, ConcurrentSendsArriveWholeAndInOrder) {
 }
 
 TEST(WebSocket, SilentPeerTimesOut) {
-  DeafServer server("eigencast.v1");
+  DeafServer server("eigencast.v2");
   Log log;
   auto options = options_for(server.url(), "/");
   options.silence_timeout = milliseconds(100);
@@ -357,7 +357,7 @@ class ServerAt {
         acceptor_.accept(socket.next_layer(), ec);
         if (ec) return;
         socket.set_option(beast::websocket::stream_base::decorator([](beast::websocket::response_type& r) {
-          r.set(beast::http::field::sec_websocket_protocol, "eigencast.v1");
+          r.set(beast::http::field::sec_websocket_protocol, "eigencast.v2");
         }));
         boost::system::error_code ended;
         socket.accept(ended);

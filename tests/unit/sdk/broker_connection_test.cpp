@@ -223,10 +223,11 @@ TEST(BrokerConnection, AcknowledgementsAreSplitAtTheLimit) {
   script.streams = kStreams - 1;  // The URL may name the first one.
   for (std::uint32_t id = 1; id <= kStreams; ++id) {
     Envelope envelope;
+    envelope.kind = FrameKind::kJoin;
     envelope.bands = 1;
     envelope.stream_id = id;
     script.frames.emplace_back();
-    append_envelope(envelope, script.frames.back());
+    append_envelope(envelope, nullptr, script.frames.back());
     script.frames.back().push_back(0);
   }
   ScriptedBroker broker(std::move(script));

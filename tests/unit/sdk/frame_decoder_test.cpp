@@ -19,6 +19,12 @@ control::StreamInfo live_stream(std::uint32_t epoch = 5) {
   return info;
 }
 
+struct CodedFrame {
+  Envelope envelope;
+  Bytes payload;
+  FrameView view() const { return {envelope, payload}; }
+};
+
 /// Codes a made-up motion as a broker would.
 class Coder {
  public:
@@ -36,7 +42,7 @@ class Coder {
     return k;
   }
 
-  Bytes next_key(std::uint8_t flags = 0) {
+  CodedFrame next_key(std::uint8_t flags = 0) {
     const Key k = key(++sequence_);
     Bytes payload = state_ ? encode_key(layout, *state_, k, 0)->payload : Bytes();
     const bool join = !state_;
@@ -44,19 +50,19 @@ class Coder {
     if (join) payload = *encode_join(layout, *state_);
     return frame(join ? FrameKind::kJoin : FrameKind::kKey, flags, {}, payload, sequence_);
   }
-  Bytes join(std::uint8_t flags = 0) {
+  CodedFrame join(std::uint8_t flags = 0) {
     return frame(FrameKind::kJoin, flags, {}, *encode_join(layout, *state_), sequence_);
   }
-  Bytes synthetic(std::uint8_t at, std::uint8_t of) {
+  CodedFrame synthetic(std::uint8_t at, std::uint8_t of) {
     const Key between = *interpolate_keys(layout, state_->newer, key(sequence_ + 1), at, of);
     return frame(FrameKind::kSynthetic, 0, {at, of}, encode_key(layout, *state_, between, 0)->payload, sequence_ + 1);
   }
-  Bytes step(std::uint8_t at, std::uint8_t of) { return frame(FrameKind::kStep, 0, {at, of}, {}, sequence_); }
+  CodedFrame step(std::uint8_t at, std::uint8_t of) { return frame(FrameKind::kStep, 0, {at, of}, {}, sequence_); }
   std::uint64_t sequence() const { return sequence_; }
 
  private:
-  Bytes frame(FrameKind kind, std::uint8_t flags, InterpolationStep step, const Bytes& payload,
-              std::uint64_t sequence) const {
+  CodedFrame frame(FrameKind kind, std::uint8_t flags, InterpolationStep step, const Bytes& payload,
+                   std::uint64_t sequence) const {
     Envelope e;
     e.kind = kind;
     e.flags = flags;
@@ -66,10 +72,7 @@ class Coder {
     e.epoch = epoch_;
     e.sequence = sequence;
     e.capture_us = static_cast<TimeUs>(sequence) * 33'333;
-    Bytes message;
-    append_envelope(e, message);
-    message.insert(message.end(), payload.begin(), payload.end());
-    return message;
+    return {e, payload};
   }
   std::uint32_t epoch_;
   std::uint64_t sequence_ = 0;
@@ -79,10 +82,8 @@ class Coder {
 class Decoding : public ::testing::Test {
  protected:
   Decoding() { decoder_.set_stream(live_stream()); }
-  std::optional<Key> decode(const Bytes& message) {
-    const auto frame = parse_frame(message);
-    EXPECT_TRUE(frame) << frame.error().message;
-    auto pose = decoder_.decode(*frame);
+  std::optional<Key> decode(const CodedFrame& frame) {
+    auto pose = decoder_.decode(frame.view());
     EXPECT_TRUE(pose) << pose.error().message;
     return pose && *pose ? std::optional(**pose) : std::nullopt;
   }
@@ -113,7 +114,7 @@ TEST_F(Decoding, SyntheticFramesNeedTheKeyBeforeThem) {
   decode(coder_.next_key());
   EXPECT_EQ(decode(coder_.synthetic(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
   EXPECT_EQ(decode(coder_.next_key()), Coder::key(2)) << "no harm from the synthetic frame";
-  const Bytes lost = coder_.next_key();
+  const CodedFrame lost = coder_.next_key();
   EXPECT_FALSE(decode(coder_.synthetic(2, 3)));
   EXPECT_EQ(decode(lost), Coder::key(3)) << "an undecodable synthetic frame leaves the chain alone";
 }
@@ -123,7 +124,7 @@ TEST_F(Decoding, CompactStepsLeadUpToKeysSentAhead) {
   EXPECT_FALSE(decode(coder_.next_key(Envelope::kAhead))) << "not to be shown when it comes";
   EXPECT_EQ(decode(coder_.step(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
   EXPECT_EQ(decode(coder_.step(3, 3)), Coder::key(2));
-  const Bytes late = coder_.step(3, 3);
+  const CodedFrame late = coder_.step(3, 3);
   decode(coder_.next_key(Envelope::kAhead));
   EXPECT_FALSE(decode(late)) << "a step of the interval before";
   EXPECT_EQ(decoder_.counts().synthetic, 2u);
@@ -140,7 +141,7 @@ TEST_F(Decoding, JoinIsDecodableAtAnyMoment) {
 TEST_F(Decoding, FramesOfOtherEpochsAreRejected) {
   decode(coder_.next_key());
   Coder next(6);
-  const Bytes first = next.next_key();
+  const CodedFrame first = next.next_key();
   EXPECT_FALSE(decode(first));
   decoder_.set_stream(live_stream(6));
   EXPECT_FALSE(decoder_.newest());
@@ -149,16 +150,16 @@ TEST_F(Decoding, FramesOfOtherEpochsAreRejected) {
 
 TEST_F(Decoding, WaitingStreamsDecodeNothing) {
   FrameDecoder fresh;
-  const Bytes bytes = coder_.next_key();
-  EXPECT_FALSE(*fresh.decode(*parse_frame(bytes)));
+  const CodedFrame first = coder_.next_key();
+  EXPECT_FALSE(*fresh.decode(first.view()));
   EXPECT_EQ(fresh.counts().rejected, 1u);
 }
 
 TEST_F(Decoding, DamagedKeyFailsAndJoinRecovers) {
   decode(coder_.next_key());
-  Bytes damaged = coder_.next_key();
-  damaged.push_back(0);
-  EXPECT_FALSE(decoder_.decode(*parse_frame(damaged)));
+  CodedFrame damaged = coder_.next_key();
+  damaged.payload.push_back(0);
+  EXPECT_FALSE(decoder_.decode(damaged.view()));
   EXPECT_FALSE(decode(coder_.next_key()));
   EXPECT_TRUE(decode(coder_.join()));
   EXPECT_EQ(decoder_.counts().rejected, 2u);
@@ -166,12 +167,10 @@ TEST_F(Decoding, DamagedKeyFailsAndJoinRecovers) {
 
 TEST_F(Decoding, EveryTruncationIsRejected) {
   decode(coder_.next_key());
-  const Bytes whole = coder_.next_key();
-  for (std::size_t size = 0; size < whole.size(); ++size) {
+  const CodedFrame whole = coder_.next_key();
+  for (std::size_t size = 0; size < whole.payload.size(); ++size) {
     FrameDecoder decoder = decoder_;
-    const auto frame = parse_frame(ByteView(whole.data(), size));
-    if (!frame) continue;
-    EXPECT_FALSE(decoder.decode(*frame)) << size;
+    EXPECT_FALSE(decoder.decode({whole.envelope, ByteView(whole.payload).first(size)})) << size;
   }
 }
 

@@ -69,7 +69,7 @@ Run play(const Coded& clip, std::optional<double> target) {
     const int at = std::min(frame % period, period - frame % period);
     const auto choice = control ? control->choice() : RateControl::Choice{clip.quantiser.half_spacing, bands};
     const Key key = lowest_bands(clip.layout, clip.keys[static_cast<std::size_t>(at)], choice.bands);
-    std::size_t size = Envelope::kBytes;
+    std::size_t size = Envelope::kKeyBytes;
     if (state) {
       auto coded = encode_key(clip.layout, *state, key, choice.half_spacing);
       EXPECT_TRUE(coded);
@@ -92,7 +92,7 @@ Run play(const Coded& clip, std::optional<double> target) {
 void check(const MotionClip& clip) {
   const Coded coded = coded_of(clip);
   const double free = play(coded, std::nullopt).bits_per_s;
-  constexpr double kEnvelopes = Envelope::kBytes * 8 / (kClipFrameUs * 1e-6);
+  constexpr double kEnvelopes = Envelope::kKeyBytes * 8 / (kClipFrameUs * 1e-6);
   for (const double share : {0.9, 0.75, 0.6}) {
     const double target = kEnvelopes + share * (free - kEnvelopes);
     const Run run = play(coded, target);

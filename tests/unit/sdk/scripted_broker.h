@@ -102,7 +102,7 @@ class ScriptedBroker {
     }
     Link link(std::move(socket));
     link.set_option(boost::beast::websocket::stream_base::decorator(
-        [](boost::beast::websocket::response_type& r) { r.set(http::field::sec_websocket_protocol, "eigencast.v1"); }));
+        [](boost::beast::websocket::response_type& r) { r.set(http::field::sec_websocket_protocol, "eigencast.v2"); }));
     link.accept(request, ec);
     for (const std::string& text : script_.at_first) link.write(boost::asio::buffer(text), ec);
     if (script_.then_close) link.close(boost::beast::websocket::close_code::service_restart, ec);

@@ -59,10 +59,15 @@ class RawSender {
     e.bands = 1;
     e.sequence = ++sequence_;
     e.capture_us = steady_now_us();
+    e.tag = tag();
     Bytes frame;
-    append_envelope(e, frame);
+    append_envelope(e, nullptr, frame);
     frame.insert(frame.end(), payload->begin(), payload->end());
     (void)socket_->send_binary(std::move(frame));
+  }
+  std::uint8_t tag() {
+    const std::lock_guard lock(mutex_);
+    return announced_.tag;
   }
   std::uint32_t epoch() {
     const std::lock_guard lock(mutex_);

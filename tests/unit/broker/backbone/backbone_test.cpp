@@ -171,22 +171,27 @@ struct EvilBroker {
   EvilBroker(FakeNetwork& network, const Sha256& asset) : link(network) {
     listening = {link.serve("test.assets.evil.1", [](const Bytes&, const Link::Reply& reply) { reply({0}); }),
                  link.serve("test.joins.evil.1", [this](const Bytes&, const Link::Reply& reply) {
-                   reply(frame(FrameKind::kJoin, {2, 160, 160, 1, 0, 2, 0x9f, 0x9f}));
+                   reply(frame(FrameKind::kJoin, {2, 160, 160, 1, 2, 0x9f, 0x9f}));
                  })};
     link.publish("test.alive.evil.1", {'+'});
     entry.announce.asset = asset.hex();
     entry.announce.format = large_announce().format;
   }
   Bytes frame(FrameKind kind, const Bytes& payload) const {
+    const auto now = static_cast<TimeUs>(sequence);
+    const ChainClock before{sequence - 1, now - 1, 1};
     Bytes message;
+    ByteWriter writer(message);
+    writer.u32(entry.epoch);
+    writer.u64(sequence);
     append_envelope({.kind = kind,
                      .bands = 1,
                      .step = {},
-                     .epoch = entry.epoch,
                      .sequence = sequence,
-                     .capture_us = static_cast<TimeUs>(sequence)},
-                    message);
-    ByteWriter(message).bytes(payload);
+                     .capture_us = now,
+                     .age_us = kind == FrameKind::kJoin ? 1 : 0},
+                    &before, message);
+    writer.bytes(payload);
     return message;
   }
   void key() {

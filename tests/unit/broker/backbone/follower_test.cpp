@@ -18,9 +18,12 @@ Bytes message(FrameKind kind, std::uint64_t sequence, std::uint32_t epoch = kEpo
   head.kind = kind;
   head.bands = 1;
   head.sequence = sequence;
-  head.epoch = epoch;
+  const ChainClock before{sequence - 1, 0, 0};
   Bytes bytes;
-  append_envelope(head, bytes);
+  ByteWriter writer(bytes);
+  writer.u32(epoch);
+  writer.u64(sequence);
+  append_envelope(head, &before, bytes);
   bytes.push_back(0);
   return bytes;
 }
@@ -30,9 +33,13 @@ Bytes key(std::uint64_t sequence) {
 Bytes join(std::uint64_t sequence) {
   return message(FrameKind::kJoin, sequence);
 }
-std::vector<std::uint64_t> sequences(const std::vector<Bytes>& messages) {
+/// The low bytes of the sequences of keys.
+std::vector<std::uint64_t> sequences(const std::vector<Bytes>& frames) {
   std::vector<std::uint64_t> numbers;
-  for (const Bytes& bytes : messages) numbers.push_back(parse_frame(bytes)->envelope.sequence);
+  for (const Bytes& bytes : frames) {
+    const auto frame = parse_frame(bytes);
+    numbers.push_back(frame->envelope.kind == FrameKind::kJoin ? frame->envelope.sequence : frame->check);
+  }
   return numbers;
 }
 using Numbers = std::vector<std::uint64_t>;
@@ -91,8 +98,8 @@ TEST(Follower, OtherEpochsAndKindsAreDropped) {
   EXPECT_TRUE(follower.take(message(FrameKind::kKey, 2, kEpoch - 1)).empty());
   EXPECT_TRUE(follower.take(message(FrameKind::kJoin, 9, kEpoch + 1)).empty());
   Bytes step = key(2);
-  step[0] = static_cast<std::uint8_t>(FrameKind::kSynthetic);
-  step[3] = 0x13;
+  step[Follower::kHeadBytes] = static_cast<std::uint8_t>(FrameKind::kSynthetic);
+  step[Follower::kHeadBytes + 4] = 0x13;
   EXPECT_TRUE(follower.take(std::move(step)).empty());
   EXPECT_TRUE(follower.take({}).empty());
   EXPECT_TRUE(follower.take(Bytes(27, 1)).empty());
@@ -130,10 +137,12 @@ TEST(Follower, OutputIsAlwaysAChain) {
           next = key(++sent);
       }
       for (const Bytes& bytes : follower.take(std::move(next))) {
-        const Envelope head = parse_frame(bytes)->envelope;
+        const auto frame = parse_frame(bytes);
+        Envelope head = frame->envelope;
         if (head.kind == FrameKind::kKey) {
           ASSERT_TRUE(began);
-          ASSERT_EQ(head.sequence, newest + 1);
+          head.sequence = newest + 1;
+          ASSERT_EQ(frame->check, static_cast<std::uint8_t>(head.sequence));
         } else {
           ASSERT_TRUE(!began || head.sequence > newest);
         }

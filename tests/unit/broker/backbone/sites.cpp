@@ -105,6 +105,7 @@ void BackboneTest::publish(SiteSender& sender, Site& site, const std::string& na
 
 void BackboneTest::send(SiteSender& sender) {
   capture += 33'333;
+  sender.tag = sender.stream->tag();
   ASSERT_TRUE(sender.stream->add_frame(sender.next(capture), now));
   network.run();
 }

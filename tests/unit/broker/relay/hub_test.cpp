@@ -274,12 +274,33 @@ TEST_F(KeysTest, StreamsOfOtherBrokersCount) {
   EXPECT_EQ(memory_->keys.used(), 0);
 }
 
-TEST(StreamIdsTest, RefuseToWrap) {
-  StreamIds ids(10, 0xfffffffe);
-  const auto last = ids.of("last").value();
-  EXPECT_EQ(last->id, 0xffffffffu);
-  EXPECT_EQ(ids.of("one more").error().code, ErrorCode::kTooLarge);
-  EXPECT_EQ(ids.of("last").value(), last);
+TEST(StreamIdsTest, LowestFreeIdComesFirst) {
+  StreamIds ids(10, 3);
+  auto a = ids.of("a").value(), b = ids.of("b").value(), c = ids.of("c").value();
+  EXPECT_EQ((std::vector{a->id, b->id, c->id}), (std::vector<std::uint32_t>{1, 2, 3}));
+  EXPECT_EQ(ids.of("d").error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(ids.of("c").value(), c);
+  b.reset();
+  a.reset();
+  EXPECT_EQ(ids.of("d").value()->id, 1U);
+  EXPECT_EQ(ids.of("b", [] { return Result<std::shared_ptr<void>>(fail(ErrorCode::kRefused, "no")); }).error().code,
+            ErrorCode::kRefused);
+  EXPECT_EQ(ids.of("b").value()->id, 1U) << "what was refused has no id";
+}
+
+TEST(StreamIdsTest, TagsGoOnWhereAnIdIsUsedAgain) {
+  StreamIds ids;
+  std::vector<std::uint8_t> tags;
+  for (int i = 0; i < 300; ++i) {
+    const auto share = ids.of("stream " + std::to_string(i)).value();
+    ASSERT_EQ(share->id, 1U);
+    tags.push_back(++share->tag);
+    if (i % 3 == 0) tags.push_back(++share->tag);
+  }
+  for (std::size_t i = 0; i < tags.size(); ++i) {
+    const std::size_t first = i < 16 ? 0 : i - 16;
+    EXPECT_EQ(std::count(&tags[first], &tags[i], tags[i]), 0) << i;
+  }
 }
 
 }  // namespace

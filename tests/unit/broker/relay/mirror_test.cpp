@@ -116,6 +116,7 @@ class MirrorTest : public ::testing::Test {
     sender_.begin_anew();
     ASSERT_TRUE(origin_->admit(*stream_, {"sender"}, small_announce().format, account_.charge()));
     ASSERT_TRUE(stream_->announce(small_announce(), ++epoch_));
+    sender_.tag = stream_->tag();
   }
   void publish() {
     now_ += 30'000;
@@ -296,7 +297,7 @@ TEST_F(MirrorTest, SlowLoopHoldsFewLargeKeys) {
   flush();
   for (std::uint64_t i = 0; i < 1000; ++i) {
     now_ += 1000;
-    ASSERT_TRUE(stream_->add_frame(large_message(i, now_), now_));
+    ASSERT_TRUE(stream_->add_frame(large_message(*stream_, i, now_), now_));
     step(0);
   }
   std::size_t bytes = 0;
@@ -310,7 +311,7 @@ TEST_F(MirrorTest, SlowLoopHoldsFewLargeKeys) {
   EXPECT_GT(bytes, 32u << 20);
   flush();
   now_ += 1000;
-  ASSERT_TRUE(stream_->add_frame(large_message(1000, now_), now_));
+  ASSERT_TRUE(stream_->add_frame(large_message(*stream_, 1000, now_), now_));
   mirrored_->flush();
   flush();
   EXPECT_EQ(viewer.watched->snapshot().newest->sequence, 1000u) << "it goes on";

@@ -13,7 +13,8 @@ FramePtr frame(FrameKind kind, std::uint64_t sequence, InterpolationStep step = 
   head.sequence = sequence;
   head.step = step;
   head.bands = kind == FrameKind::kStep ? 0 : 1;
-  return make_frame(head, {});
+  const ChainClock newest;
+  return make_frame(head, &newest, {});
 }
 
 Outbox::Text text(const std::string& content) {

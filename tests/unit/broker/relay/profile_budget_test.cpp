@@ -98,6 +98,7 @@ class StreamBudgetTest : public StreamTest {
   void announce() {
     ASSERT_TRUE(limited_.has_publisher() || limited_.claim(sender_));
     ASSERT_TRUE(limited_.announce(small_announce(), ++epoch_));
+    sender_.tag = limited_.tag();
   }
 
   Stream limited_;

@@ -28,10 +28,10 @@ TEST_F(StreamPosesTest, RawDeliversExactlyWhatWasSent) {
     const auto out = parse_frame(receiver.frames[i]->message()).value();
     const auto in = parse_frame(sent[i]).value();
     EXPECT_TRUE(std::equal(out.payload.begin(), out.payload.end(), in.payload.begin(), in.payload.end()));
-    EXPECT_EQ(out.envelope.capture_us, in.envelope.capture_us);
-    EXPECT_EQ(out.envelope.sequence, in.envelope.sequence);
+    EXPECT_EQ(receiver.poses[i].envelope.capture_us, now_ + static_cast<TimeUs>(i) * kInterval);
+    EXPECT_EQ(receiver.poses[i].envelope.sequence, i);
     EXPECT_EQ(out.envelope.stream_id, 7u);
-    EXPECT_EQ(out.envelope.epoch, 1u);
+    EXPECT_EQ(receiver.poses[i].envelope.epoch, 1u);
     EXPECT_EQ(receiver.poses[i].key, key_number(static_cast<int>(i)));
   }
 }
@@ -95,7 +95,10 @@ class LargeStream : public PublisherLink, public Watcher {
       }
       state_ = advanced(std::move(state_), key, 33'000);
       if (number_ == 0) payload = encode_join(layout_, *state_).value();
-      append_envelope(head, message);
+      head.tag = stream_.tag();
+      const KeyRecordPtr& newest = stream_.snapshot().newest;
+      const ChainClock clock = newest ? newest->clock() : ChainClock{};
+      append_envelope(head, &clock, message);
       message.insert(message.end(), payload.begin(), payload.end());
       bytes = payload.size();
       EXPECT_TRUE(stream_.add_frame(message, now_));
@@ -110,7 +113,7 @@ class LargeStream : public PublisherLink, public Watcher {
   void on_trace(const std::shared_ptr<const std::string>&) override {}
   void on_frames(const Stream&, std::span<const FramePtr> frames) override {
     for (const FramePtr& frame : frames) {
-      if (frame->is_key) continue;
+      if (frame->envelope.is_key()) continue;
       ++poses;
       pose_bytes += frame->wire.size();
     }
@@ -146,7 +149,8 @@ TEST_F(StreamPosesTest, PosesAreLeftOutWhereNoViewerPays) {
     play(20);
     wait(3 * kInterval);
     const auto keys_of = [](const FakeReceiver& receiver) {
-      return std::count_if(receiver.frames.begin(), receiver.frames.end(), [](const auto& f) { return f->is_key; });
+      return std::count_if(receiver.frames.begin(), receiver.frames.end(),
+                           [](const auto& f) { return f->envelope.is_key(); });
     };
     EXPECT_GE(keys_of(poor), 19) << "keys always come";
     EXPECT_GT(stream_.poses_failed(), failed + 200);

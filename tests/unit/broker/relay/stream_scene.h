@@ -13,6 +13,7 @@ class StreamTest : public ::testing::Test {
   void begin() {
     ASSERT_TRUE(stream_.claim(sender_));
     ASSERT_TRUE(stream_.announce(small_announce(), ++epoch_));
+    sender_.tag = stream_.tag();
   }
 
   /// Publishes `count` keys, each at its time, pumping every millisecond.

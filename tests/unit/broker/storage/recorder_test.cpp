@@ -52,6 +52,7 @@ class RecorderTest : public ::testing::Test {
     announce.asset = asset_;
     sender_.begin_anew();
     ASSERT_TRUE(stream_->announce(announce, ++epoch_));
+    sender_.tag = stream_->tag();
   }
   void send(int keys) {
     for (int i = 0; i < keys; ++i, now_us_ += 33'000) ASSERT_TRUE(stream_->add_frame(sender_.next(now_us_), now_us_));
@@ -91,14 +92,19 @@ class RecorderTest : public ::testing::Test {
   static std::vector<std::uint64_t> decode(recording::Reader& reader) {
     std::vector<std::uint64_t> sequences;
     std::optional<ChainState> state;
+    EnvelopeReader frames;
     for (;;) {
       const auto record = reader.next();
       EXPECT_TRUE(record);
       if (!record || !*record) return sequences;
-      if ((**record).type == recording::Type::kAnnounce) state.reset();
+      if ((**record).type == recording::Type::kAnnounce) {
+        state.reset();
+        frames.restart();
+      }
       if ((**record).type != recording::Type::kFrame && (**record).type != recording::Type::kCheckpoint) continue;
-      const auto frame = parse_frame((**record).body);
-      EXPECT_TRUE(frame);
+      const auto frame = frames.read(parse_frame((**record).body).value());
+      EXPECT_TRUE(frame) << "it follows from the frame before it";
+      if (!frame) return sequences;
       const Envelope& head = frame->envelope;
       if (head.kind == FrameKind::kJoin) {
         state = decode_join(small_layout(), head.bands, frame->payload).value();
@@ -210,7 +216,7 @@ TEST_F(RecorderTest, QueueHoldsNoStatesOfLargeStreams) {
   std::vector<std::weak_ptr<const KeyRecord>> records;
   for (std::uint64_t i = 0; i < 300; ++i) {
     now_us_ += 1000;
-    ASSERT_TRUE(stream_->add_frame(large_message(i, now_us_), now_us_));
+    ASSERT_TRUE(stream_->add_frame(large_message(*stream_, i, now_us_), now_us_));
     records.push_back(stream_->snapshot().newest);
   }
   const auto held = std::count_if(records.begin(), records.end(), [](const auto& record) { return !record.expired(); });
