@@ -52,17 +52,18 @@ bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
   const auto colouring = kColouringNames.find(text.substr(0, colon));
   if (!colouring || (colon != std::string::npos) != (*colouring == Colouring::kChannel)) return false;
   wish.colouring = *colouring;
-  char rest = 0;
-  return colon == std::string::npos ||
-         (std::sscanf(text.c_str() + colon, ":%3u%c", &wish.channel, &rest) == 1 && wish.channel >= 3);
+  if (colon == std::string::npos) return true;
+  const std::string which = text.substr(colon + 1);
+  if (which.find_first_not_of("0123456789") != std::string::npos) return wish.scalar = which, true;
+  return std::sscanf(which.c_str(), "%3u", &wish.channel) == 1 && wish.channel >= 3;
 }
 
 /// What is wrong; empty if nothing is.
 std::string read_style(const RawOptions& raw, Style& style) {
   if (!colour_from_text(raw.colour, style.colour))
     return "--colour " + raw.colour +
-           ": give clay, own, textured, normals, movement, speed, error, or channel:K with K from 3, the first beyond "
-           "x, y, z";
+           ": give clay, own, textured, normals, movement, speed, error, or channel:NAME or channel:K with K from 3, "
+           "the first beyond x, y, z";
   const auto map = kColourMapNames.find(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
   style.colour_map = *map;
@@ -240,7 +241,7 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
       {"--colour",
        &raw.colour,
        "what the surfaces' colours say: clay, own (those of the file), textured, normals, movement (from the rest "
-       "pose), speed, channel:K (a scalar that rides on the stream), error (against the truth)",
+       "pose), speed, channel:NAME or channel:K (a scalar of the stream), error (against the truth)",
        {},
        true},
       {"--colour-map", &raw.colour_map, "colours of numbers",

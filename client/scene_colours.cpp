@@ -27,6 +27,12 @@ void SceneColours::remove(std::size_t surface) {
   if (surface < painters_.size()) painters_.erase(painters_.begin() + static_cast<std::ptrdiff_t>(surface));
 }
 
+std::array<float, 2> SceneColours::range(const Style& style) const {
+  if (style.colour_range || scalar() == nullptr || !(scalar()->low < scalar()->high))
+    return style.colour_range.value_or(range_.span());
+  return {static_cast<float>(scalar()->low), static_cast<float>(scalar()->high)};
+}
+
 std::optional<Legend> SceneColours::legend(const Asset* asset) const {
   if (!range_.known()) return std::nullopt;
   const double metres_per_unit = asset == nullptr ? 0 : asset->metres_per_unit;
@@ -37,6 +43,7 @@ std::optional<Legend> SceneColours::legend(const Asset* asset) const {
     legend.low *= static_cast<float>(metres_per_unit);
     legend.high *= static_cast<float>(metres_per_unit);
   }
+  if (scalar() != nullptr) legend.unit = scalar()->unit;
   return legend;
 }
 

@@ -24,7 +24,7 @@ class SceneColours final {
   /// Later surfaces move up.
   void remove(std::size_t surface);
 
-  std::array<float, 2> range(const Style& style) const { return style.colour_range.value_or(range_.span()); }
+  std::array<float, 2> range(const Style& style) const;
   /// Nothing while colours show no numbers. asset: the first surface's, for its units; may be null.
   std::optional<Legend> legend(const Asset* asset) const;
   /// Why the first surface's colours are not as asked for; empty if they are.
@@ -32,6 +32,9 @@ class SceneColours final {
   bool is_waiting() const;
 
  private:
+  /// Of the first surface; null where its stream does not say.
+  const ScalarChannel* scalar() const { return painters_.empty() ? nullptr : painters_.front().scalar(); }
+
   Decode decode_;
   std::vector<SurfacePainter> painters_;  ///< One for each surface.
   LegendRange range_;

@@ -14,7 +14,7 @@ corner = (numpy.arange(side - 1)[:, None] * side + numpy.arange(side - 1)).ravel
 faces = numpy.concatenate([numpy.stack([corner, corner + 1, corner + side], axis=1),
                            numpy.stack([corner + 1, corner + side + 1, corner + side], axis=1)])
 asset = eigencast.bake(rest, faces, rank=60)
-with eigencast.Publisher(sys.argv[1], asset, scalars=1) as publisher:
+with eigencast.Publisher(sys.argv[1], asset, scalars=[eigencast.Scalar("stress", "MPa", 0, 1)]) as publisher:
     for frame in range(300):
         height = 0.1 * numpy.sin(6 * rest[:, 0] + 0.1 * frame)
         stress = 10 * numpy.abs(height)  # bent most where it is highest

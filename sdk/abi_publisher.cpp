@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include <algorithm>
 #include <span>
 
 #include "sdk/abi.h"
@@ -45,7 +46,11 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
     publisher_options.bitrate = given.bitrate;
     publisher_options.still_heartbeat_us = given.still_heartbeat_us;
     if (given.key_rate_hz > 0) publisher_options.key_rate_hz = given.key_rate_hz;
-    publisher_options.scalars = given.scalars;
+    for (std::uint32_t k = 0; k < std::min(given.scalars, kMaxScalars + 1); ++k) {
+      const ec_scalar s = given.scalar_info != nullptr ? given.scalar_info[k] : ec_scalar{};
+      publisher_options.scalars.push_back(
+          {text_or(s.name, "scalar-" + std::to_string(k + 1)), text_or(s.unit, ""), s.low, s.high, s.error});
+    }
     publisher_options.velocities = given.velocities != 0;
     auto created = Publisher::create(publisher_options, asset->asset, asset->encoded);
     if (!created) return failed(created.error());

@@ -18,6 +18,7 @@ struct ec_subscriber {
   std::deque<eigencast::ReceivedPose> waiting;
   std::optional<eigencast::ReceivedPose> current;
   std::vector<float> positions, normals, scalars, velocities;
+  std::vector<ec_scalar> scalar_info;  ///< Points into the subscriber's info().
   eigencast::Reconstructor reconstructor;
   std::vector<std::uint32_t> triangles;
   std::vector<float> corner_uv;
@@ -67,6 +68,10 @@ void rebuild_riders(ec_subscriber& self, std::uint32_t N) {
   const auto& info = self.subscriber->info();
   const std::uint32_t v = info ? std::min(info->format.velocity_channels, channels - 3) : 0;
   self.scalars = rebuilt_channels(self, 3, channels - 3 - v, 1, N);
+  self.scalar_info.clear();
+  if (info && info->format.channels == channels)
+    for (const auto& [name, unit, low, high, scale] : info->format.scalars)
+      self.scalar_info.push_back({name.c_str(), unit.c_str(), low, high, 0});
   self.velocities.clear();
   if (v == 3) self.velocities = rebuilt_channels(self, channels - v, v, 1e6 / info->format.velocity_us, N);
 }
@@ -127,6 +132,7 @@ ec_status rebuild(ec_subscriber& self, const LevelOf& level_of, ec_surface* out)
   surface.sequence = pose.envelope.sequence;
   surface.interpolated = pose.envelope.step.of != 0 && pose.envelope.step.at != pose.envelope.step.of;
   surface.scalar_count = static_cast<std::uint32_t>(self.scalars.size() / level);
+  surface.scalar_info = self.scalar_info.empty() ? nullptr : self.scalar_info.data();
   surface.scalars = self.scalars.empty() ? nullptr : self.scalars.data();
   surface.velocities = self.velocities.empty() ? nullptr : self.velocities.data();
   surface.vertex_colours = asset->colours.empty() ? nullptr : asset->colours.front().data();

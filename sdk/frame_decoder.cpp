@@ -22,8 +22,16 @@ void FrameDecoder::set_stream(const control::StreamInfo& info) {
   stream_id_ = info.stream_id;
   epoch_ = info.epoch;
   layout_ = layout;
+  scalars_ = info.format.scalars;
   velocities_ = {info.format.velocity_channels, info.format.velocity_us};
   scheme_ = info.profile.scheme;
+}
+
+std::vector<double> FrameDecoder::coefficients(const Key& key) const {
+  std::vector<double> C = coefficients_from_key(layout_, key);
+  for (std::size_t row = 0; row < layout_.rows; ++row)
+    for (std::size_t k = 0; k < scalars_.size(); ++k) C[row * layout_.channels + 3 + k] /= scalars_[k].scale;
+  return C;
 }
 
 Result<Key> FrameDecoder::made_pose(const Envelope& e) const {

@@ -32,6 +32,7 @@ class FrameDecoder {
   Result<const Key*> decode(const FrameView& frame);
 
   const CoefficientLayout& layout() const { return layout_; }
+  std::vector<double> coefficients(const Key& key) const;  ///< r x c, scalars in the sender's units.
   const Counts& counts() const { return counts_; }
   std::optional<std::uint64_t> newest() const { return chain_ ? std::optional(newest_) : std::nullopt; }
 
@@ -41,6 +42,7 @@ class FrameDecoder {
 
   CoefficientLayout layout_;
   VelocityChannels velocities_;
+  std::vector<ScalarChannel> scalars_;
   Profile::Scheme scheme_ = Profile::Scheme::kLinear;  ///< Belongs to the profile that the stream comes in.
   std::uint32_t stream_id_ = 0;
   std::uint32_t epoch_ = 0;

@@ -71,7 +71,13 @@ double error_bound(const PublisherOptions& options, const Asset& asset) {
 }
 
 StreamFormat format_of(const PublisherOptions& options, const Asset& asset) {
-  StreamFormat format{asset.rank, 3U + options.scalars, asset.band_ends, std::string(name_of(options.codec))};
+  StreamFormat format{asset.rank, 3, asset.band_ends, std::string(name_of(options.codec))};
+  for (const auto& [name, unit, low, high, error] : options.scalars) {
+    const double own = error != 0 ? error : kDefaultErrorOverDiagonal * (high - low);
+    const bool scaled = own != 0 && options.codec == CodecKind::kQuantised;
+    format.scalars.push_back({name, unit, low, high, scaled ? error_bound(options, asset) / own : 1});
+    ++format.channels;
+  }
   if (options.velocities) {
     format.channels += 3;
     format.velocity_channels = 3;
@@ -89,7 +95,7 @@ std::vector<double> rows_in_format(const StreamFormat& format, std::span<const d
   for (std::size_t row = 0; row < r; ++row) {
     double* to = &all[row * c];
     std::copy_n(&C[3 * row], 3, to);
-    for (std::size_t k = 0; k < s; ++k) to[3 + k] = S[row * s + k];
+    for (std::size_t k = 0; k < s; ++k) to[3 + k] = S[row * s + k] * format.scalars[k].scale;
     for (std::size_t axis = 0; !V.empty() && axis < 3; ++axis) to[3 + s + axis] = V[3 * row + axis] * unit_s;
   }
   return all;

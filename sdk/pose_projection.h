@@ -23,7 +23,7 @@ class PoseProjection {
     std::vector<double> S;  ///< r x scalars; empty without.
   };
 
-  PoseProjection(std::shared_ptr<const Asset> asset, bool velocities, std::uint32_t scalars)
+  PoseProjection(std::shared_ptr<const Asset> asset, bool velocities, std::size_t scalars)
       : asset_(std::move(asset)), velocities_(velocities), scalars_(scalars) {}
 
   /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector.
@@ -35,7 +35,7 @@ class PoseProjection {
 
   std::shared_ptr<const Asset> asset_;
   bool velocities_;
-  std::uint32_t scalars_;
+  std::size_t scalars_;
   std::optional<Projector> projector_;
 };
 
@@ -44,7 +44,7 @@ double error_bound(const PublisherOptions& options, const Asset& asset);
 
 StreamFormat format_of(const PublisherOptions& options, const Asset& asset);
 
-/// Rows of x, y, z, scalars, and velocities in units of format.velocity_us.
+/// Rows of x, y, z, scalars times their scale, and velocities in units of format.velocity_us.
 ///   C  r x 3;  V  r x 3, per second, or empty;  S  r x as many scalars as the format has
 /// Empty where the sizes of C and V do not fit.
 std::vector<double> rows_in_format(const StreamFormat& format, std::span<const double> C, std::span<const double> V,

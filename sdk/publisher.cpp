@@ -45,7 +45,7 @@ class BrokerPublisher final : public Publisher {
         quantiser_(asset_ && codec == CodecKind::kQuantised
                        ? quantiser_for_error(error_bound(options_, *asset_), asset_->area, asset_->rank)
                        : Quantiser{}),
-        projection_(asset_, options_.velocities, options_.scalars),
+        projection_(asset_, options_.velocities, format_.scalars.size()),
         writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, rate_control()) {
     if (asset_ && options_.still_heartbeat_us > 0)
       still_.emplace(kStillOverError * error_bound(options_, *asset_), options_.still_heartbeat_us);
@@ -126,7 +126,7 @@ class BrokerPublisher final : public Publisher {
     if (V.empty() == options_.velocities)
       return unusable(fail(ErrorCode::kInvalidArgument, V.empty() ? "a pose without velocities, which were announced"
                                                                   : "velocities that were not announced"));
-    if (S.size() != std::size_t{format_.rows} * options_.scalars)
+    if (S.size() != format_.rows * format_.scalars.size())
       return unusable(
           fail(ErrorCode::kInvalidArgument, "a pose without the scalars that were announced, or with more"));
     std::vector<double> all;
@@ -405,9 +405,9 @@ Result<void> check_options(const PublisherOptions& options) {
                 "the error bound must be a positive length in model units, or 0 for the default");
   if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
     return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
-  if (options.scalars > kMaxScalars)
+  if (options.scalars.size() > kMaxScalars)
     return fail(ErrorCode::kInvalidArgument, "a stream carries at most " + std::to_string(kMaxScalars) + " scalars");
-  if (options.scalars > 0 && options.still_heartbeat_us > 0)
+  if (!options.scalars.empty() && options.still_heartbeat_us > 0)
     return fail(ErrorCode::kInvalidArgument,
                 "a publisher of scalars cannot leave out still poses: they may change while the surface stands still");
   if (options.velocities && options.still_heartbeat_us > 0)
@@ -426,6 +426,7 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
   if (!url) return url.error();
   if (auto usable = check_options(options, *asset); !usable) return usable.error();
   StreamFormat format = format_of(options, *asset);
+  if (auto usable = check_format(format); !usable) return usable.error();
   const CodecKind codec = options.codec;
   return started(std::move(options), std::move(*url), codec, std::move(format), std::move(asset), std::move(encoded),
                  std::move(log));

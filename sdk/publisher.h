@@ -22,6 +22,15 @@ namespace eigencast {
 /// The default of PublisherOptions::error, over the diagonal of the rest box.
 inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
 
+/// A value of each vertex besides its position.
+struct Scalar {
+  std::string name;  ///< See ScalarChannel.
+  std::string unit{};
+  double low = 0, high = 0;  ///< The range to expect; equal: unknown.
+  /// Rms error of quantising, in its unit; 0: a thousandth of the range, or, without one, that of positions.
+  double error = 0;
+};
+
 struct PublisherOptions {
   std::string url;  ///< ws://host:port/stream, or with several brokers: see common/net/url.h
   CodecKind codec = CodecKind::kQuantised;
@@ -33,9 +42,7 @@ struct PublisherOptions {
   /// every so often; 0: every pose is sent. No viewer shows a pose further off than that because of it.
   TimeUs still_heartbeat_us = 0;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
-  /// Values of each vertex besides its position, at most kMaxScalars: channels 3 to 2 + scalars of the stream. They are
-  /// coded within `error`, too: give them a range of about the surface's diagonal.
-  std::uint32_t scalars = 0;
+  std::vector<Scalar> scalars{};               ///< At most kMaxScalars: channels 3 and on of the stream.
   double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
   std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
   std::size_t max_unsent_bytes =
@@ -55,7 +62,7 @@ Result<void> check_options(const PublisherOptions& options);
 struct VertexPose {
   std::span<const float> positions;   ///< n x 3
   std::span<const float> velocities;  ///< n x 3, per second; empty unless PublisherOptions::velocities.
-  std::span<const float> scalars;     ///< n x PublisherOptions::scalars
+  std::span<const float> scalars;     ///< n x as many as PublisherOptions::scalars.
 };
 
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it,

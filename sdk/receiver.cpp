@@ -152,7 +152,7 @@ Result<bool> Receiver::decode(const FrameView& frame, TimeUs now) {
   condition_.latency_us.add(now - frame.envelope.capture_us);
   if (news_.poses.size() == kMaxPoses) news_.poses.pop_front();
   const CoefficientLayout& layout = decoder_.layout();
-  ReceivedPose pose{frame.envelope,  now, steady_now_us(), coefficients_from_key(layout, **key), layout.channels,
+  ReceivedPose pose{frame.envelope,  now, steady_now_us(), decoder_.coefficients(**key), layout.channels,
                     layout.band_ends};
   pose.envelope.bands = (*key)->bands;  // A step's own envelope has none.
   news_.poses.push_back(std::move(pose));

@@ -83,6 +83,7 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
     return refuse("");  // nothing has come yet
   const auto channels = static_cast<std::uint32_t>(C.size() / asset->rank);
   paint_.kind = SurfacePaint::Kind::kScalar;
+  scalar_.reset();
   switch (wish.colouring) {
     case Colouring::kClay:
       return refuse("");
@@ -102,10 +103,15 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
     case Colouring::kSpeed:
       return fill_speed(view, source);
     case Colouring::kChannel: {
-      if (wish.channel < 3 || wish.channel >= channels)
-        return refuse("the stream has no channel " + std::to_string(wish.channel));
+      const auto known = source.info() ? source.info()->format.scalars : std::vector<ScalarChannel>();
+      const auto named = std::find_if(known.begin(), known.end(), [&](const auto& s) { return s.name == wish.scalar; });
+      const std::size_t k = wish.scalar.empty() ? wish.channel - 3 : static_cast<std::size_t>(named - known.begin());
+      if (k < known.size()) scalar_ = known[k];
+      if (k >= channels - 3 || (!wish.scalar.empty() && named == known.end()))
+        return refuse("the stream has no " + title_of(wish));
       vectors_.resize(std::size_t{N} * 3);
-      view.reconstructor().combine(columns_of(C, channels, wish.channel, 1), 3, asset->rank, N, vectors_);
+      view.reconstructor().combine(columns_of(C, channels, static_cast<std::uint32_t>(3 + k), 1), 3, asset->rank, N,
+                                   vectors_);
       paint_.values.resize(N);
       for (std::size_t i = 0; i < N; ++i) paint_.values[i] = vectors_[3 * i];
       return;
@@ -213,7 +219,10 @@ std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
   if (source.asset() == nullptr || !source.asset()->is_point_cloud()) wishes.push_back({Colouring::kNormals, 3});
   wishes.push_back({Colouring::kMovement, 3});
   wishes.push_back({Colouring::kSpeed, 3});
-  for (std::uint32_t i = 0; i < scalar_channels(source); ++i) wishes.push_back({Colouring::kChannel, 3 + i});
+  for (std::uint32_t i = 0; i < scalar_channels(source); ++i) {
+    const auto& scalars = source.info()->format.scalars;
+    wishes.push_back({Colouring::kChannel, 3 + i, i < scalars.size() ? scalars[i].name : std::string()});
+  }
   if (source.truth() != nullptr) wishes.push_back({Colouring::kError, 3});
   return wishes;
 }
@@ -222,7 +231,8 @@ std::string title_of(const SurfacePainter::Wish& wish) {
   constexpr std::array<const char*, 8> kTitles{
       "clay", "its own colours", "its texture", "normals", "movement from rest", "speed", "channel ", "error"};
   const std::string title = kTitles[static_cast<std::size_t>(wish.colouring)];
-  return wish.colouring == Colouring::kChannel ? title + std::to_string(wish.channel) : title;
+  if (wish.colouring != Colouring::kChannel) return title;
+  return wish.scalar.empty() ? title + std::to_string(wish.channel) : wish.scalar;
 }
 
 std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit) {

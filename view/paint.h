@@ -39,6 +39,7 @@ class SurfacePainter {
   struct Wish {
     Colouring colouring = Colouring::kClay;
     std::uint32_t channel = 3;  ///< kChannel only.
+    std::string scalar{};       ///< kChannel: its name instead, where the stream has names; empty: none.
     bool operator==(const Wish&) const = default;
   };
 
@@ -51,6 +52,8 @@ class SurfacePainter {
   const SurfacePaint& paint() const { return paint_; }
   /// Range of the finite values of kScalar without the outermost hundredths; nothing if there are none.
   std::optional<std::array<float, 2>> range() const { return range_; }
+  /// What the numbers of kChannel are; null where the stream does not say.
+  const ScalarChannel* scalar() const { return scalar_ ? &*scalar_ : nullptr; }
   /// Why the surface is clay although the wish was another; else empty.
   const std::string& why_not() const { return why_not_; }
   bool is_waiting() const { return waiting_; }
@@ -68,6 +71,7 @@ class SurfacePainter {
   Wish wish_;
   std::uint64_t seen_pose_ = 0, seen_level_ = 0;
   std::optional<std::array<float, 2>> range_;
+  std::optional<ScalarChannel> scalar_;
   std::string why_not_;
   bool waiting_ = false;
   Decode decode_ = Decode::kNow;

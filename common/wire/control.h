@@ -29,6 +29,15 @@ struct Profile {
   auto operator<=>(const Profile&) const = default;
 };
 
+/// A value that rides on each vertex, in a channel of its own.
+struct ScalarChannel {
+  std::string name;          ///< 1 to 64 of letters, digits, '.', '_' and '-'; differs from the others.
+  std::string unit{};        ///< At most 16 bytes without control characters; empty: none.
+  double low = 0, high = 0;  ///< The range to expect; equal: unknown.
+  double scale = 1;          ///< The channel holds the value times this, so that one step suits all channels.
+  bool operator==(const ScalarChannel&) const = default;
+};
+
 /// The numbers of a stream's frames: which coefficients and how they are coded.
 struct StreamFormat {
   std::uint32_t rows = 0;                ///< r, 1..limits::kMaxRows
@@ -37,6 +46,7 @@ struct StreamFormat {
   std::string codec = "quantised";       ///< "quantised", "float32" or "float64".
   std::uint32_t velocity_channels = 0;   ///< The last so many channels are velocities of the first; 0 or 2 x this <= c.
   std::uint32_t velocity_us = 1'000'000;  ///< They hold the movement per so many us; 1..limits::kMaxVelocityUs.
+  std::vector<ScalarChannel> scalars{};   ///< All channels between positions and velocities; or none.
   bool operator==(const StreamFormat&) const = default;
 };
 

@@ -283,6 +283,15 @@ struct Describe {
       const bool moves = format.velocity_channels != 0;
       if (fields.wants("velocity_channels", moves)) fields.integer("velocity_channels", format.velocity_channels);
       if (fields.wants("velocity_us", moves)) fields.integer("velocity_us", format.velocity_us);
+      if (!fields.wants("scalars", !format.scalars.empty())) return;
+      fields.each("scalars", format.scalars, limits::kMaxChannels, [](Fields each, ScalarChannel& scalar) {
+        each.text("name", scalar.name);
+        if (each.wants("unit", !scalar.unit.empty())) each.text("unit", scalar.unit);
+        const bool ranged = scalar.low < scalar.high;
+        if (each.wants("low", ranged)) each.number("low", scalar.low, -limits::kMaxScalar, limits::kMaxScalar);
+        if (each.wants("high", ranged)) each.number("high", scalar.high, scalar.low, limits::kMaxScalar);
+        each.number("scale", scalar.scale, 1 / limits::kMaxScalar, limits::kMaxScalar);
+      });
     });
     if (f.reads()) f.check("format", check_format(format));
   }

@@ -23,6 +23,7 @@ inline constexpr std::size_t kMaxTextBytes = 4096;  ///< one string in a control
 inline constexpr std::int64_t kMaxTimeUs =
     (std::int64_t{1} << 62) - 1;                             ///< stamps are 0..this: differences never overflow.
 inline constexpr std::uint32_t kMaxVelocityUs = 10'000'000;  ///< time in which a velocity channel's movement is made.
+inline constexpr double kMaxScalar = 1e30;                   ///< ranges and scales of scalar channels.
 inline constexpr std::uint32_t kMaxVertices = 16'000'000;
 inline constexpr std::uint32_t kMaxFaces = 32'000'000;
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <charconv>
 #include <optional>
+#include <set>
 
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
@@ -136,6 +137,18 @@ Result<void> check_format(const StreamFormat& format) {
     return refuse("velocity_channels", format.velocity_channels, "0 to half of format.channels");
   if (format.velocity_us < 1 || format.velocity_us > limits::kMaxVelocityUs)
     return refuse("velocity_us", format.velocity_us, "1 to 10000000");
+  const std::size_t scalars = format.scalars.size();
+  if (scalars > 0 && 3 + scalars + format.velocity_channels != format.channels)
+    return refuse("scalars", scalars, "as many entries as channels between positions and velocities, or none");
+  std::set<std::string_view> names;
+  for (const auto& [name, unit, low, high, scale] : format.scalars) {
+    const bool named = check_stream_name(name) && name.find('/') == name.npos && name.size() <= 64;
+    if (!named || !names.insert(name).second || unit.size() > 16 || escaped(unit) != unit)
+      return invalid("format.scalars has '" + escaped(name.substr(0, 64)) + "' in '" + escaped(unit.substr(0, 16)) +
+                     "'; allowed: different names of 1 to 64 of A-Z a-z 0-9 . _ -, units of at most 16 bytes");
+    if (!(scale > 0 && low <= high && std::max({-low, high, scale, 1 / scale}) <= limits::kMaxScalar))
+      return invalid("format.scalars: range or scale of '" + name + "' is out of range");
+  }
   return {};
 }
 

@@ -98,9 +98,9 @@ def pictures_of(command, url, prefix, environment, folder, colours):
 
 def watch_scalar(command, url, prefix, environment, folder):
     """A viewer that is asked for the scalar paints the surface with it: viridis is far greener than clay and wall."""
-    shown = pictures_of(command, url, prefix, environment, folder, ("clay", "channel:3"))
+    shown = pictures_of(command, url, prefix, environment, folder, ("clay", "channel:stress"))
     green = {colour: int((rgb[:, :, 1] - rgb[:, :, 0] > 50).sum()) for colour, rgb in shown.items()}
-    if green["clay"] > 20 or green["channel:3"] < 300:
+    if green["clay"] > 20 or green["channel:stress"] < 300:
         sys.exit(f"pixels in the colours of the scalar: {green}")
     print(f"stress.py, watched by eigencast-client: pixels in the colours of the scalar {green}")
 

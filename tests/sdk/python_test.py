@@ -123,7 +123,8 @@ class Package(unittest.TestCase):
     def test_scalars_and_velocities_ride_along(self):
         stress = numpy.stack([self.positions[:, 0], 1 - self.positions[:, 1], 0.5 + 0 * self.positions[:, 0], self.positions[:, 0] ** 2], axis=1)
         velocity = numpy.stack([2 + 0 * self.positions[:, 0], 0 * self.positions[:, 0], -self.positions[:, 1]], axis=1)
-        with eigencast.Publisher(self.origin + "/stress", self.asset, scalars=4, velocities=True) as publisher:
+        scalars = ["across", eigencast.Scalar("along", "kPa", 0, 1), "half", eigencast.Scalar("bend", low=0, high=1, error=1e-4)]
+        with eigencast.Publisher(self.origin + "/stress", self.asset, scalars=scalars, velocities=True) as publisher:
             pose = self.watched(self.origin + "/stress", lambda: publisher.send(self.positions, velocities=velocity, scalars=stress),
                                 lambda p: len(p.positions) == 256)
             with self.assertRaisesRegex(ValueError, "scalars"):
@@ -132,6 +133,8 @@ class Package(unittest.TestCase):
                 publisher.send(self.positions, velocities=velocity, scalars=stress[:, :2])
         self.assertEqual(pose.scalars.shape, (256, 4))
         self.assertLess(numpy.abs(pose.scalars - stress[pose.source_vertex]).max(), 0.05)
+        self.assertEqual([(s.name, s.unit, s.low, s.high) for s in pose.scalar_info],
+                         [("across", "", 0, 0), ("along", "kPa", 0, 1), ("half", "", 0, 0), ("bend", "", 0, 1)])
         # Coded as the movement in a quarter of a key interval, within the same error as positions.
         off = pose.velocities - velocity[pose.source_vertex]
         self.assertLess(numpy.sqrt((off ** 2).sum(axis=1).mean()), 0.001 * numpy.sqrt(2) * 4 * 30 * 2)
@@ -213,7 +216,9 @@ class Package(unittest.TestCase):
             eigencast.Subscriber("not a url")
         self.assertEqual(caught.exception.status, eigencast.Status.INVALID_ARGUMENT)
         with self.assertRaises(eigencast.Error):
-            eigencast.Publisher(self.origin + "/many", self.asset, scalars=11)
+            eigencast.Publisher(self.origin + "/many", self.asset, scalars=[f"s{i}" for i in range(11)])
+        with self.assertRaises(eigencast.Error):
+            eigencast.Publisher(self.origin + "/same", self.asset, scalars=["a", "a"])
         publisher = eigencast.Publisher(self.origin + "/closed", self.asset)
         publisher.close()
         with self.assertRaisesRegex(ValueError, "closed"):

@@ -144,6 +144,15 @@ EC_API void ec_asset_release(ec_asset* asset);
 /** Publishes one deforming surface to a broker, and keeps doing so across lost connections. */
 typedef struct ec_publisher ec_publisher;
 
+/** A value that rides on each vertex (stress, temperature). */
+typedef struct ec_scalar {
+  const char* name; /**< 1 to 64 of letters, digits, '.', '_' and '-'; differs from the others. */
+  const char* unit; /**< At most 16 bytes; null: none. */
+  double low, high; /**< The range to expect, for colours; equal: unknown. */
+  double error;     /**< Root mean square error that quantising may add, in its unit; 0: a thousandth of the range, or,
+                       without one, that of positions. Of a subscriber: 0. */
+} ec_scalar;
+
 typedef struct ec_publisher_options {
   size_t struct_size;
   const char* codec;  /**< "quantised", "float32" or "float64" (default: "quantised"). */
@@ -158,10 +167,9 @@ typedef struct ec_publisher_options {
       certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
   const char* key_file; /**< PEM file of its private key. */
   int insecure;         /**< Not 0: the broker's certificate is not checked; for trying out only. */
-  uint32_t scalars; /**< Values that ride on each vertex (stress, temperature), up to 10 (default: none). They are coded
-                       within `error`, too, each in its own unit: a range of about the surface's diagonal keeps a
-                       thousandth of it. */
-  int velocities;   /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
+  uint32_t scalars;     /**< Values that ride on each vertex, up to 10 (default: none). */
+  int velocities;       /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
+  const ec_scalar* scalar_info; /**< As many as scalars (default: named scalar-1 and so on). */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {
@@ -256,6 +264,7 @@ typedef struct ec_surface {
                                     image; null where the surface has no texture, or until all of it has arrived. */
   const void* image;             /**< The PNG or JPEG file; null with corner_uv. */
   size_t image_size;
+  const ec_scalar* scalar_info; /**< scalar_count; null where the sender does not say. */
 } ec_surface;
 
 /** Starts connecting to ws://host:port/stream[?rate=raw] in the background; several brokers as for publishers.

@@ -136,6 +136,12 @@ struct Access {
   }
 };
 
+/// See ec_scalar.
+struct Scalar {
+  std::string name, unit = {};
+  double low = 0, high = 0, error = 0;
+};
+
 struct PublisherOptions {
   std::string codec = "quantised";      ///< or "float32", "float64"
   double error = 0;                     ///< Vertex error of quantising, model units; 0: 1e-3 of the surface's diagonal.
@@ -143,7 +149,7 @@ struct PublisherOptions {
   double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
   std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.
   Access access = {};                   ///< How the broker lets you in.
-  std::uint32_t scalars = 0;            ///< Values that ride on each vertex, see ec_publisher_options.
+  std::vector<Scalar> scalars = {};     ///< Values that ride on each vertex.
   bool velocities = false;              ///< Poses come with velocities.
 };
 
@@ -158,14 +164,18 @@ class Publisher {
     c_options.key_rate_hz = options.key_rate_hz;
     c_options.bitrate = options.bitrate;
     c_options.still_heartbeat_us = options.still_heartbeat_us;
-    c_options.scalars = options.scalars;
+    std::vector<ec_scalar> scalars;
+    for (const auto& [name, unit, low, high, error] : options.scalars)
+      scalars.push_back({name.c_str(), unit.c_str(), low, high, error});
+    c_options.scalars = static_cast<std::uint32_t>(scalars.size());
+    c_options.scalar_info = scalars.data();
     c_options.velocities = options.velocities ? 1 : 0;
     options.access.give_to(c_options);
     ec_publisher* publisher = nullptr;
     check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
     publisher_.reset(publisher);
     vertices_ = asset.info().vertex_count;
-    scalars_ = options.scalars;
+    scalars_ = options.scalars.size();
     velocities_ = options.velocities;
   }
 

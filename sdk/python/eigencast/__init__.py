@@ -12,8 +12,8 @@ Errors are raised as Error; what becomes of a pose that is sent is a value (Sent
 different ones are independent. Arrays of a Pose are copies: they stay.
 """
 from ._library import Error, Status, library_path, now_us, version
-from ._objects import Asset, Pose, Publisher, PublisherStats, Sent, Subscriber, SubscriberStats, bake, load
+from ._objects import Asset, Pose, Publisher, PublisherStats, Scalar, Sent, Subscriber, SubscriberStats, bake, load
 
-__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Sent", "Status", "Subscriber", "SubscriberStats", "bake",
+__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Status", "Subscriber", "SubscriberStats", "bake",
            "library_path", "load", "now_us", "version"]
 __version__ = version()

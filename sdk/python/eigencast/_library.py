@@ -62,10 +62,14 @@ class AssetInfo(Sized):
                 ("id", ctypes.c_char * 65), ("from_cache", c_int)]
 
 
+class Scalar(ctypes.Structure):
+    _fields_ = [("name", c_char_p), ("unit", c_char_p), ("low", c_double), ("high", c_double), ("error", c_double)]
+
+
 class PublisherOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("codec", c_char_p), ("error", c_double), ("key_rate_hz", c_double), ("bitrate", c_double),
                 ("still_heartbeat_us", c_int64), ("token", c_char_p), ("ca_file", c_char_p), ("certificate_file", c_char_p),
-                ("key_file", c_char_p), ("insecure", c_int), ("scalars", c_uint32), ("velocities", c_int)]
+                ("key_file", c_char_p), ("insecure", c_int), ("scalars", c_uint32), ("velocities", c_int), ("scalar_info", POINTER(Scalar))]
 
 
 class PoseToSend(Sized):
@@ -94,7 +98,7 @@ class Surface(Sized):
                 ("normals", POINTER(c_float)), ("triangles", POINTER(c_uint32)), ("source_vertex", POINTER(c_uint32)),
                 ("capture_us", c_int64), ("sequence", c_uint64), ("interpolated", c_int), ("scalar_count", c_uint32), ("scalars", POINTER(c_float)),
                 ("velocities", POINTER(c_float)), ("vertex_colours", POINTER(c_uint8)), ("corner_uv", POINTER(c_float)), ("image", c_void_p),
-                ("image_size", c_size_t)]
+                ("image_size", c_size_t), ("scalar_info", POINTER(Scalar))]
 
 
 # name -> (result, arguments)

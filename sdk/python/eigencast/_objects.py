@@ -169,6 +169,16 @@ class PublisherStats:
     reconnects: int
 
 
+@dataclasses.dataclass(frozen=True)
+class Scalar:
+    """A value that rides on each vertex."""
+    name: str  #: 1 to 64 of letters, digits, '.', '_' and '-'; differs from the others
+    unit: str = ""
+    low: float = 0.0  #: to `high`: the range to expect, for colours
+    high: float = 0.0
+    error: float = 0.0  #: root mean square error that quantising may add, in its unit; 0: a thousandth of the range, or that of positions
+
+
 class Publisher(_Object):
     """Publishes one deforming surface to ws://host:port/stream, and keeps doing so across lost connections; with
     ws://a:7490,b:7490/stream at the next broker of the cluster.
@@ -176,23 +186,24 @@ class Publisher(_Object):
       error               root mean square vertex error that quantising may add, model units (default: 1e-3 of the diagonal)
       bitrate             bits a second to keep to (default: as the error takes)
       still_heartbeat_us  while the surface stands still, send it only so often (default: every pose)
-      scalars             how many values ride on each vertex; coded within `error`, too, each in its own unit: a range of about the
-                          surface's diagonal keeps a thousandth of it
+      scalars             what rides on each vertex: a list of Scalar, or of their names
       velocities          poses come with velocities, for viewers that ask for scheme=hermite
       token               shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment)
     """
     _release = staticmethod(LIBRARY.ec_publisher_release)
 
-    def __init__(self, url, asset, *, codec="quantised", error=0.0, key_rate_hz=30.0, bitrate=0.0, still_heartbeat_us=0, scalars=0,
+    def __init__(self, url, asset, *, codec="quantised", error=0.0, key_rate_hz=30.0, bitrate=0.0, still_heartbeat_us=0, scalars=(),
                  velocities=False, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
+        scalars = [Scalar(each) if isinstance(each, str) else each for each in scalars]
+        c_scalars = (_library.Scalar * len(scalars))(*((_text(s.name), _text(s.unit), s.low, s.high, s.error) for s in scalars))
         options = _library.PublisherOptions(codec=_text(codec), error=error, key_rate_hz=key_rate_hz, bitrate=bitrate,
-                                            still_heartbeat_us=still_heartbeat_us, scalars=scalars, velocities=int(velocities),
+                                            still_heartbeat_us=still_heartbeat_us, scalars=len(scalars), scalar_info=c_scalars, velocities=int(velocities),
                                             **_access(token, ca_file, certificate_file, key_file, insecure))
         handle = ctypes.c_void_p()
         check(LIBRARY.ec_publisher_create(_text(url), asset._open(), ctypes.byref(options), ctypes.byref(handle)))
         self._handle = handle
         n = asset.vertex_count
-        self._shapes = {"positions": (n, 3), "velocities": (n, 3) if velocities else None, "scalars": (n, scalars) if scalars else None}
+        self._shapes = {"positions": (n, 3), "velocities": (n, 3) if velocities else None, "scalars": (n, len(scalars)) if scalars else None}
 
     def _rows(self, what, values):
         """As the library takes them; None where the publisher was not made for them."""
@@ -234,6 +245,7 @@ class Pose:
     sequence: int  #: number of the key pose that this is or leads up to
     interpolated: bool  #: made between two key poses
     scalars: numpy.ndarray  #: (N, s) float32: what rides on the vertices; s may be 0
+    scalar_info: tuple  #: s of Scalar; () where the sender does not say
     velocities: typing.Optional[numpy.ndarray]  #: (N, 3) float32 per second; None where the stream carries none
     vertex_colours: typing.Optional[numpy.ndarray]  #: (N, 3) uint8, sRGB; None where the surface has none
     corner_uv: typing.Optional[numpy.ndarray]  #: (T, 3, 2) float32, NaN where a triangle has none of the image; None without a texture
@@ -304,6 +316,8 @@ class Subscriber(_Object):
         return Pose(copied(raw.positions, n, 3), copied(raw.normals, n, 3) if raw.normals else None, copied(raw.triangles, t, 3),
                     copied(raw.source_vertex, n), raw.capture_us, raw.sequence, bool(raw.interpolated),
                     copied(raw.scalars, n, raw.scalar_count) if raw.scalar_count else numpy.empty((n, 0), dtype=numpy.float32),
+                    tuple(Scalar(s.name.decode(), s.unit.decode(), s.low, s.high) for s in raw.scalar_info[:raw.scalar_count])
+                    if raw.scalar_info else (),
                     copied(raw.velocities, n, 3) if raw.velocities else None,
                     copied(raw.vertex_colours, n, 3) if raw.vertex_colours else None,
                     copied(raw.corner_uv, t, 3, 2) if raw.corner_uv else None)

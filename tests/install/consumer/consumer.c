@@ -12,6 +12,7 @@ AT(ec_bake_options, solver, 64);
 AT(ec_appearance, vertex_uv, 40);
 AT(ec_asset_info, from_cache, 88);
 AT(ec_publisher_options, velocities, 88);
+AT(ec_publisher_options, scalar_info, 96);
 AT(ec_publisher_stats, reconnects, 40);
 AT(ec_pose, capture_us, 32);
 AT(ec_subscriber_options, insecure, 48);
@@ -20,6 +21,7 @@ AT(ec_subscriber_stats, latency_p99_us, 64);
 AT(ec_subscriber_stats, retry_in_us, 72);
 AT(ec_surface, velocities, 80);
 AT(ec_surface, image_size, 112);
+AT(ec_surface, scalar_info, 120);
 
 enum { kSide = 8, kVertices = kSide * kSide, kFaces = 2 * (kSide - 1) * (kSide - 1) };
 static double rest[3 * kVertices];
@@ -33,9 +35,18 @@ static int old_options_work(void) {
   options.rank = 10;
   options.cache_dir = "";
   memset((char*)&options + options.struct_size, 0x5a, sizeof options - options.struct_size);
-  const ec_status status = ec_bake(rest, kVertices, faces, kFaces, &options, &asset);
+  if (ec_bake(rest, kVertices, faces, kFaces, &options, &asset) != EC_OK) return 0;
+  ec_publisher* publisher = 0;
+  ec_publisher_options many = EC_INIT(ec_publisher_options);
+  many.scalars = 10; /* Without names. */
+  many.struct_size = offsetof(ec_publisher_options, scalar_info);
+  memset((char*)&many + many.struct_size, 0x5a, sizeof many - many.struct_size);
+  const ec_status status = ec_publisher_create("ws://127.0.0.1:9/x", asset, &many, &publisher);
+  ec_publisher_release(publisher);
+  many.scalars = 0xffffffff;
+  const ec_status too_many = ec_publisher_create("ws://127.0.0.1:9/x", asset, &many, &publisher);
   ec_asset_release(asset);
-  return status == EC_OK;
+  return status == EC_OK && too_many == EC_INVALID_ARGUMENT;
 }
 
 static int appearances_are_checked(void) {

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "common/wire/limits.h"
+#include "sdk/pose_projection.h"
 #include "tests/unit/sdk/ball_stream.h"
 
 namespace eigencast {
@@ -188,6 +189,51 @@ TEST(Stream, VelocitiesBendTheInterpolation) {
   EXPECT_EQ((*publisher)->send_positions(still, steady_now_us()).error().code, ErrorCode::kInvalidArgument)
       << "velocities were announced";
   EXPECT_EQ((*publisher)->as_received().size(), ball.asset->rest.size());
+}
+
+TEST(Stream, EachScalarHasAnErrorOfItsOwn) {
+  LoopbackBroker broker;
+  const Model& ball = model(40);
+  PublisherOptions options;
+  options.url = broker.url("live/ball");
+  options.scalars = {{"pressure", "Pa", 0, 1e6}, {"strain", "", 0, 1e-3}, {"T", "K", 250, 350, 0.5}};
+  auto publisher = Publisher::create(options, ball.asset, ball.encoded);
+  ASSERT_TRUE(publisher) << publisher.error().message;
+  const std::array<double, 3> bounds{1e3, 1e-6, 0.5};
+  std::vector<float> positions, scalars;
+  for (const Vec3& v : make_icosphere(3).positions) {
+    for (const double x : v) positions.push_back(static_cast<float>(x));
+    for (const double x : {5e5 + 4e5 * v[0], 5e-4 + 4e-4 * v[1], 300 + 40 * v[2]})
+      scalars.push_back(static_cast<float>(x));
+  }
+  const std::vector<double> S = Projector::create(*ball.asset)->coefficients_from_vectors(scalars).value();
+  const auto subscriber = subscribe(broker, {.rate = Profile::Rate::kRaw});
+  int poses = 0;
+  ASSERT_TRUE(eventually([&] {
+    EXPECT_TRUE((*publisher)->send_pose({positions, {}, scalars}, steady_now_us()));
+    for (const ReceivedPose& pose : subscriber->poll(milliseconds(20))) {
+      ++poses;
+      EXPECT_EQ(pose.channels, 6U);
+      for (std::size_t k = 0; k < 3; ++k) {
+        double square = 0;
+        for (std::size_t row = 0; row < ball.asset->rank; ++row) {
+          const double off = pose.coefficients[6 * row + 3 + k] - S[3 * row + k];
+          square += off * off;
+        }
+        EXPECT_LT(std::sqrt(square / ball.asset->area), bounds[k]) << options.scalars[k].name;
+      }
+    }
+    return poses >= 5;
+  }));
+  ASSERT_EQ(subscriber->info()->format.scalars.size(), 3U);
+  EXPECT_EQ(subscriber->info()->format.scalars[0].unit, "Pa");
+  EXPECT_EQ(subscriber->info()->format.scalars[2].high, 350);
+  // A tenth of the error is asked for by a tenfold scale.
+  options.scalars[2].error = 0.05;
+  const StreamFormat finer = format_of(options, *ball.asset);
+  EXPECT_NEAR(finer.scalars[2].scale, 10 * subscriber->info()->format.scalars[2].scale, 1e-9);
+  options.scalars[0].name = "T";
+  EXPECT_EQ(Publisher::create(options, ball.asset, ball.encoded).error().code, ErrorCode::kInvalidArgument);
 }
 
 }  // namespace

@@ -95,6 +95,16 @@ TEST(Paint, ScalarChannelsAreRebuiltOrRefused) {
   EXPECT_NE(painter.why_not().find("4"), std::string::npos) << "names the channel";
   const auto wishes = wishes_for(source);
   EXPECT_NE(std::find(wishes.begin(), wishes.end(), SurfacePainter::Wish{Colouring::kChannel, 3}), wishes.end());
+
+  source.info_->format.scalars = {{"stress", "MPa", -8, 8, 2}};
+  painter.paint(view, source, {Colouring::kChannel, 3, "stress"});
+  ASSERT_NE(painter.scalar(), nullptr);
+  EXPECT_EQ(painter.scalar()->unit, "MPa");
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kScalar);
+  EXPECT_EQ(title_of(wishes_for(source).back()), "stress");
+  painter.paint(view, source, {Colouring::kChannel, 3, "strain"});
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
+  EXPECT_EQ(painter.scalar(), nullptr);
 }
 
 TEST(Paint, FollowsTheLevelOfDetail) {

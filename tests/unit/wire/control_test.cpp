@@ -19,6 +19,7 @@ using namespace control;
 const std::string kAsset(64, 'a');
 const std::string kSecret(64, '5');
 const StreamFormat kFormat{200, 3, {14, 54, 104, 200}, "quantised"};
+const StreamFormat kScalars{8, 5, {8}, "quantised", 0, 1'000'000, {{"stress", "MPa", -2, 3e6, 0.25}, {"label"}}};
 
 /// One of each message, in the order of tests/golden/control.jsonl.
 std::vector<ControlMessage> samples() {
@@ -27,6 +28,7 @@ std::vector<ControlMessage> samples() {
       Welcome{"0.1.0", "b6e1", 1'700'000'000'000'000},
       Announce{kAsset, kFormat, 30, std::nullopt},
       Announce{kAsset, {8, 4, {8}, "float64"}, 29.97, world},
+      Announce{kAsset, kScalars, 30, std::nullopt},
       Announce{kAsset, {8, 3, {8}, "float32"}, 0, std::nullopt, kSecret},
       Announced{"lab/horse", 7, 3, 3},
       Announced{"lab/horse", 7, 4, 4, kSecret},

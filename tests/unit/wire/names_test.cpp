@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
 
@@ -124,6 +126,35 @@ TEST(Format, VelocitiesAreAtMostHalfTheChannels) {
   EXPECT_NE(check_format(format).error().message.find("velocity_channels"), std::string::npos);
   format = {8, 6, {8}, "quantised", 3, 0};
   EXPECT_NE(check_format(format).error().message.find("velocity_us"), std::string::npos);
+}
+
+TEST(Format, ScalarsAreNamedAndInRange) {
+  StreamFormat format{8, 5, {8}, "quantised"};
+  format.scalars = {{"stress", "MPa", -2, 3e6, 0.25}, {"T", "°C"}};
+  const control::Announce announce{std::string(64, 'a'), format, 30, {}};
+  EXPECT_EQ(std::get<control::Announce>(control_from_text(text_from_control(announce)).value()).format, format);
+  const std::vector<ScalarChannel> wrong = {{""},
+                                            {"a/b"},
+                                            {"a b"},
+                                            {std::string(65, 'a')},
+                                            {"T"},
+                                            {"a", "\x1b[2J"},
+                                            {"a", std::string(17, 'm')},
+                                            {"a", "", 2, 1},
+                                            {"a", "", 0, 1e31},
+                                            {"a", "", 0, NAN},
+                                            {"a", "", 0, 1, 0},
+                                            {"a", "", 0, 1, -1},
+                                            {"a", "", 0, 1, 1e-31},
+                                            {"a", "", 0, 1, NAN}};
+  for (const ScalarChannel& scalar : wrong) {
+    format.scalars[0] = scalar;
+    EXPECT_FALSE(check_format(format)) << scalar.name << " " << scalar.unit << " " << scalar.scale;
+  }
+  format.scalars = {{"stress"}};
+  EXPECT_FALSE(check_format(format)) << "of two channels";
+  format.scalars.clear();
+  EXPECT_TRUE(check_format(format)) << "channels may be nameless";
 }
 
 }  // namespace
