@@ -127,9 +127,8 @@ TEST_F(BatchTest, TellsOfFailuresAndWhereAskedFor) {
   EXPECT_GT(partly.outcome->bytes, 0u);
   EXPECT_LT(partly.outcome->bytes, large->size());
   EXPECT_FALSE(partly.outcome->error);
-  send(partly, full, small);  // Nothing of it fits.
-  turn_.submit();
-  EXPECT_EQ(partly.outcome->bytes, 0u);
+  for (partly.outcome.reset(); !partly.outcome; turn_.submit()) send(partly, full, small);  // Buffers may grow.
+  EXPECT_LT(partly.outcome->bytes, small->size());
   EXPECT_EQ(partly.outcome->wait, Transport::Wait::kWritable);
   ASSERT_TRUE(none.outcome);
   EXPECT_TRUE(none.outcome->error);
