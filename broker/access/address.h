@@ -21,9 +21,10 @@ struct IpAddress {
   std::string text() const;
   bool is_v4() const;
   bool is_loopback() const;
-  /// The key of rates and quotas: the address; for IPv6 its /64, one network.
+  /// The key of failures, rates and quotas: the address; for IPv6 its /64, one network.
   std::string limit_key() const;
-  /// The key of shares of what all need: the same; for IPv6 its /48, the largest that one site is given (RFC 6177).
+  /// The key of shares of what all need, of streams and of event loops' time: the same; for IPv6 its /48, the largest
+  /// that one site is given (RFC 6177).
   std::string site_key() const;
   auto operator<=>(const IpAddress&) const = default;
 };

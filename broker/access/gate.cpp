@@ -223,9 +223,8 @@ Result<std::shared_ptr<void>> Grant::hold(Resource resource) const {
   const Holder& holder = holders_.back();
   const auto index = static_cast<std::size_t>(resource);
   const std::int64_t most = policy_->quota(holder.is_token).resources[index];
-  if (!holder.account->resources[index].take(most)) return over(holder, kResourceNames[index], most);
-  return std::shared_ptr<void>(holder.account.get(),
-                               [account = holder.account, index](void*) { account->resources[index].give_back(); });
+  if (!site_->resources[index].take(most)) return over(holder, kResourceNames[index], most);
+  return std::shared_ptr<void>(site_.get(), [site = site_, index](void*) { site->resources[index].give_back(); });
 }
 
 Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
@@ -277,7 +276,8 @@ bool Grant::charge_poses(double work_us, TimeUs now_us) {
 }
 
 bool Grant::take_profile_key(double work_us, TimeUs now_us) {
-  return take_loop_time(&Account::profile_keys, work_us, now_us, 0).has_value();
+  constexpr TimeUs kMaxAheadUs = 1'000'000;  // Keys come in bursts, and what is left out is not sent again.
+  return take_loop_time(&Account::profile_keys, work_us, now_us, kMaxAheadUs).has_value();
 }
 
 std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
@@ -287,17 +287,17 @@ std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeU
 
 std::optional<TimeUs> Grant::take_loop_time(RateLimiter Account::*limiter, double us, TimeUs now_us,
                                             TimeUs max_wait_us) {
-  const Holder& holder = holders_.back();
-  const auto per_s = static_cast<double>(policy_->quota(holder.is_token).work_us_per_s);
-  return ((*holder.account).*limiter).take(us, per_s, per_s * kWorkAtOnceS, now_us, max_wait_us);
+  const auto per_s = static_cast<double>(policy_->quota(holders_.back().is_token).work_us_per_s);
+  return ((*site_).*limiter).take(us, per_s, per_s * kWorkAtOnceS, now_us, max_wait_us);
 }
 
-Result<void> Grant::take_announcement(TimeUs now_us) {
-  RateLimiter& rate = holders_.back().account->announcements;
-  if (rate.take(1, kAnnouncementsPerHour / 3600, kAnnouncementsPerHour, now_us)) return {};
+Result<void> Grant::take_announcement(bool is_new, TimeUs now_us) {
+  RateLimiter& rate = site_->announcements;
+  const double amount = is_new ? kNewName : 1;
+  if (rate.take(amount, kAnnouncementsPerHour / 3600, kAnnouncementsPerHour, now_us)) return {};
   return fail(ErrorCode::kRefused, label() + " has announced streams too often, more than " +
                                        std::to_string(static_cast<int>(kAnnouncementsPerHour)) +
-                                       " times in an hour: try again in a minute");
+                                       " times in an hour (a new name counts as 36): try again in a minute");
 }
 
 Result<TimeUs> Grant::take_request(double listing, TimeUs now_us, TimeUs max_wait_us) {

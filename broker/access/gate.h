@@ -137,12 +137,14 @@ class Grant {
   bool charge_poses(double work_us, TimeUs now_us);
   /// The same for keys in the profiles that it watches. False: it was not taken, the key has to be left out.
   bool take_profile_key(double work_us, TimeUs now_us);
-  const void* purse() const { return holders_.back().account.get(); }  ///< The same for all who share these budgets.
+  const void* purse() const { return site_.get(); }  ///< The same for all who share these budgets.
   /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted
   /// proxies have no limit.
   std::optional<TimeUs> take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
-  /// An epoch: there are four billions, for all time. At most kAnnouncementsPerHour. Errors: as take().
-  Result<void> take_announcement(TimeUs now_us);
+  /// An epoch: there are four billions, for all time. At most kAnnouncementsPerHour, where one under a name that is new
+  /// here, of which all brokers keep a row for a while, counts kNewName. Errors: as take().
+  Result<void> take_announcement(bool is_new, TimeUs now_us);
+  static constexpr double kNewName = 36;
   static constexpr double kAnnouncementsPerHour = 36'000;
   /// An HTTP request, and what a list costs beyond one, in requests: lists have as many a second to themselves, so that
   /// they delay nothing else. Returns how long the answer must wait, up to max_wait_us.
@@ -176,7 +178,7 @@ class Grant {
   bool has_site() const { return site_ != holders_.back().account; }
 
   std::vector<Holder> holders_;
-  std::shared_ptr<Account> site_;  ///< Whose share_of() what all need it takes.
+  std::shared_ptr<Account> site_;  ///< Whose share_of() what all need it takes, and whose time of event loops.
   std::array<std::int64_t, kResources> taken_{};
 };
 using GrantPtr = std::shared_ptr<Grant>;

@@ -241,7 +241,7 @@ void Backbone::try_claim(const std::string& name) {
   const Stream* stream = hub_->find(name);
   // A row is forgotten in time; what viewers here have seen is not.
   const std::uint32_t of_row = known != nullptr && known->entry ? known->entry->epoch : 0;
-  const std::string sender = stream != nullptr ? sender_of(stream->holder()) : "";
+  const std::string sender = stream != nullptr ? sender_of(stream->holder(), settings_.id) : "";
   // A row may end at kMaxForeignEpoch; one above it would be believed by nobody.
   const std::uint32_t above = std::max(of_row < kMaxForeignEpoch ? of_row : 0, stream != nullptr ? stream->epoch() : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
@@ -307,7 +307,7 @@ void Backbone::on_announced(const Stream& stream) {
   if (following_.feeds(stream.name())) return;
   note(stream.name());
   DirectoryEntry entry{settings_.id,          stream.epoch(),  true,
-                       stream.announcement(), stream.resume(), sender_of(stream.holder())};
+                       stream.announcement(), stream.resume(), sender_of(stream.holder(), settings_.id)};
   own_[stream.name()] = {std::move(entry), stream.layout(), nullptr, {}};
 }
 

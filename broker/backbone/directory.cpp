@@ -24,9 +24,10 @@ Error corrupt(const std::string& why) {
 
 }  // namespace
 
-std::string sender_of(const StreamHolder& holder) {
-  if (holder.spared || holder.key.empty()) return {};
-  const ByteView bytes{reinterpret_cast<const std::uint8_t*>(holder.key.data()), holder.key.size()};
+std::string sender_of(const StreamHolder& holder, std::string_view broker) {
+  if (holder.key.empty()) return {};
+  const std::string text = holder.key + (holder.spared ? "@" + std::string(name_of_broker(broker)) : "");
+  const ByteView bytes{reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
   return sha256(bytes).hex().substr(0, 16);
 }
 
@@ -149,8 +150,9 @@ bool Directory::has_room(bool is_new, const std::optional<DirectoryEntry>& entry
   for (auto it = streams_.begin(); it != streams_.end();) {
     const std::optional<DirectoryEntry>& other = it->second.entry;
     const bool is_here = other && (other->owner == self_ || is_alive(other->owner, now_us));
-    if (is_here && !all && other->owner != self_ && !other->live) set(it->second, std::nullopt);
-    it = is_here && (!all || other->live || other->owner == self_) ? std::next(it) : erase(it);
+    const bool is_needed = is_here && (other->live || other->owner == self_);
+    if (is_here && !is_needed) set(it->second, std::nullopt);
+    it = is_needed || (!all && (is_here || !other)) ? std::next(it) : erase(it);
   }
   return !is_full();
 }

@@ -26,9 +26,9 @@ struct DirectoryEntry {
   bool operator==(const DirectoryEntry&) const = default;
 };
 
-/// What brokers call the token or address that sends a stream: a hash, the same everywhere. Empty: one of the owner's
-/// machine.
-std::string sender_of(const StreamHolder& holder);
+/// What brokers call the token or address that sends a stream to `broker`: a hash, the same everywhere but for senders
+/// on that broker's machine.
+std::string sender_of(const StreamHolder& holder, std::string_view broker);
 
 /// Whose limits a stream of another broker counts towards here: its sender's, or all such of that broker's name.
 std::string payer_of(const DirectoryEntry& entry);

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "broker/backbone/peer_work.h"
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <vector>
 
 #include "broker/backbone/directory.h"
-#include "common/core/share.h"
 
 namespace eigencast::broker {
 namespace {
@@ -29,13 +31,27 @@ bool PeerWork::take_frame(std::string_view broker, const std::string& sender, do
   const auto is_over = [&](const Frames& other) { return now_us - other.since_us >= kPeriodUs; };
   Frames* frames = slot_of(frames_, broker, is_over);
   if (frames == nullptr) return false;
-  if (is_over(*frames)) *frames = {now_us, 0, {}};
-  std::int64_t& own_us = frames->of_senders[sender];
-  const auto taken_us = static_cast<std::int64_t>(std::ceil(work_us));
-  if (own_us + taken_us > share_of(kFramesUs, frames->used_us, own_us)) return false;
-  own_us += taken_us;
-  frames->used_us += taken_us;
+  if (is_over(*frames)) *frames = {now_us, 0, fair_share(*frames), {}};
+  Frames::Sender& own = frames->senders[sender];
+  const auto asked_us = static_cast<std::int64_t>(std::ceil(work_us));
+  own.asked_us += asked_us;
+  if (own.used_us + asked_us > frames->most_us || frames->used_us + asked_us > kFramesUs) return false;
+  own.used_us += asked_us;
+  frames->used_us += asked_us;
   return true;
+}
+
+std::int64_t PeerWork::fair_share(const Frames& before) {
+  std::vector<std::int64_t> asked;
+  for (const auto& [name, sender] : before.senders) asked.push_back(sender.asked_us);
+  std::sort(asked.begin(), asked.end());
+  std::int64_t left_us = kFramesUs, others = std::ssize(asked) + 1;
+  for (const std::int64_t asked_us : asked) {
+    if (asked_us > left_us / others) break;
+    left_us -= asked_us;
+    --others;
+  }
+  return std::min(left_us / others, kFramesUs / 2);
 }
 
 }  // namespace eigencast::broker

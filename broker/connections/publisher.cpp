@@ -96,7 +96,7 @@ void Publisher::on_announce(control::Announce announce) {
     return answer(fail(ErrorCode::kNotFound,
                        "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
-  if (auto taken = grant().take_announcement(context().turn.now_us()); !taken) {
+  if (auto taken = grant().take_announcement(stream_->epoch() == 0, context().turn.now_us()); !taken) {
     return refuse(taken.error(), name_, websocket::CloseCode::kTryAgainLater);
   }
   const auto secret = new_resume_secret();

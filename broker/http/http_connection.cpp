@@ -24,6 +24,7 @@ constexpr std::size_t kMaxHeadBytes = 16 * 1024;
 constexpr std::size_t kLargeHeadBytes = 3 * kMaxHeadBytes;
 /// What OpenSSL allocates for a ClientHello once its header says that it is as long as can be.
 constexpr std::size_t kHandshakeBytes = 160 * 1024;
+constexpr std::chrono::milliseconds kHandshakeRetry{50};
 constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
 constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
@@ -192,14 +193,24 @@ void HttpConnection::start() {
   if (!wait_us) return close();
   later(*wait_us, [this] {
     arm(limits().head_ms);
-    shake_hands();
+    transport_.async_wait(Transport::Wait::kReadable, [self = shared_from_this()](ErrorOf error) {
+      error ? self->close() : self->begin_handshake();
+    });
+  });
+}
+
+void HttpConnection::begin_handshake() {
+  if (!transport_.socket().is_open()) return;
+  if (store(unfinished_, hold_bytes(kHandshakeBytes))) return shake_hands();
+  pace_ = std::make_unique<Timer>(context_.loop.get_executor(), kHandshakeRetry);
+  pace_->async_wait([self = shared_from_this()](ErrorOf error) {
+    if (!error) self->begin_handshake();
   });
 }
 
 void HttpConnection::shake_hands() {
   const Transport::Outcome outcome = transport_.shake_hands();
   if (outcome.wait != Transport::Wait::kNo) {
-    if (transport_.has_begun() && !unfinished_ && !store(unfinished_, hold_bytes(kHandshakeBytes))) return close();
     return transport_.async_wait(outcome.wait, [self = shared_from_this()](ErrorOf error) {
       const auto go_on = [self](ErrorOf ended) { ended ? self->close() : self->shake_hands(); };
       if (Timer* const pace = error ? nullptr : self->pace()) return pace->async_wait(go_on);

@@ -151,6 +151,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void do_on_disk(std::function<void()> work, std::function<void()> then);
   void read_head();
   void read_more_head();
+  void begin_handshake();
   void shake_hands();
   /// After a read: what to wait for before the next, or null.
   Timer* pace();

@@ -122,10 +122,6 @@ double Transport::handshake_us() const {
   return kExchangeUs + kRsa2048Us * size * size * size;
 }
 
-bool Transport::has_begun() const {
-  return tls_ && counts_of(tls_.get()) % kRecord > 0;
-}
-
 std::size_t Transport::take_records() {
   if (!tls_) return 0;
   const std::uintptr_t counts = counts_of(tls_.get());

@@ -54,7 +54,6 @@ class Transport {
   /// Continues the TLS handshake; done when the outcome does not wait. Plain: done.
   Outcome shake_hands();
   double handshake_us() const;  ///< What a handshake takes, by the kind and size of the certificate's key.
-  bool has_begun() const;       ///< The handshake: bytes of it have come.
   Outcome read(std::span<std::uint8_t> into);
   /// The peer's TLS records, with data or not, that were worked off since the last call.
   std::size_t take_records();

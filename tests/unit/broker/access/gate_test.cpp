@@ -239,6 +239,22 @@ TEST_F(GateTest, FailuresThrottleOnlyTheirAddress) {
   EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 429);
 }
 
+TEST_F(GateTest, NetworksOfASiteShareItsStreamsAndTime) {
+  config_.access.anonymous = "anywhere";
+  config_.per_address.sent_streams = 3;
+  const auto first = let_in(request_from("2001:db8:1:1::1")), second = let_in(request_from("2001:db8:1:2::1"));
+  std::vector<std::shared_ptr<void>> held;
+  for (int i = 0; i < 3; ++i) held.push_back((i == 0 ? first : second)->hold(Resource::kSentStream).value());
+  EXPECT_FALSE(first->hold(Resource::kSentStream));
+  EXPECT_FALSE(second->hold(Resource::kSentStream));
+  EXPECT_TRUE(let_in(request_from("2001:db8:2::1"))->hold(Resource::kSentStream));
+  held.clear();
+  EXPECT_TRUE(first->hold(Resource::kSentStream));
+  EXPECT_EQ(first->take_http_work(100'000, kSecond, kSecond), 0);
+  EXPECT_GT(second->take_http_work(100, kSecond, kSecond).value(), 0);
+  EXPECT_EQ(let_in(request_from("2001:db8:2::1"))->take_http_work(100, kSecond, kSecond), 0);
+}
+
 TEST_F(GateTest, ExpiredTokenEndsConnectionsIfConfigured) {
   const auto grant = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"}, false, kNow + 60)));
   EXPECT_FALSE(grant->has_expired(kNow + 89)) << "the leeway counts";
@@ -726,11 +742,15 @@ TEST_F(GateTest, UnfinishedBytesAreLimited) {
 
 TEST_F(GateTest, HolderUsesUpFewEpochs) {
   const auto first = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
-  for (double i = 0; i < Grant::kAnnouncementsPerHour; ++i) ASSERT_TRUE(first->take_announcement(kSecond));
+  for (double i = 0; i < Grant::kAnnouncementsPerHour; ++i) ASSERT_TRUE(first->take_announcement(false, kSecond));
   const auto again = let_in(request_from("2.2.2.2", token_for("a", {}, {"**"})));
-  EXPECT_EQ(again->take_announcement(kSecond).error().code, ErrorCode::kRefused) << "whatever the connection";
-  EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})))->take_announcement(kSecond));
-  EXPECT_TRUE(again->take_announcement(2 * kSecond)) << "more come with time";
+  EXPECT_EQ(again->take_announcement(false, kSecond).error().code, ErrorCode::kRefused) << "whatever the connection";
+  EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})))->take_announcement(false, kSecond));
+  EXPECT_TRUE(again->take_announcement(false, 2 * kSecond)) << "more come with time";
+  const auto inventor = let_in(request_from("1.1.1.1", token_for("c", {}, {"**"})));
+  int names = 0;
+  while (inventor->take_announcement(true, kSecond)) ++names;
+  EXPECT_EQ(names, 1'000) << "of which all brokers keep rows";
   // All epochs last one that never stops for longer than the software does.
   EXPECT_GT(4e9 / (24 * Grant::kAnnouncementsPerHour), 10 * 365);
 }
