@@ -77,7 +77,7 @@ class Session {
     } else {
       payload = well_made(head, layout, reader);
     }
-    take(FrameView{head, payload});
+    take(message_of(head, payload));
   }
 
   void take(ByteView message) {
@@ -124,6 +124,26 @@ class Session {
   }
 
  private:
+  /// As append_envelope, which takes no heads that are not well made.
+  static Bytes message_of(const Envelope& head, const Bytes& payload) {
+    const bool join = head.kind == FrameKind::kJoin, residual = head.kind == FrameKind::kEstimate && payload.size() > 0;
+    const auto time = static_cast<std::uint64_t>(head.capture_us);
+    Bytes message;
+    ByteWriter writer(message);
+    const unsigned flags = residual ? 2U : unsigned{head.flags};
+    writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(head.kind) | flags << 3));
+    writer.varint(head.stream_id);
+    writer.u8(head.tag);
+    if (!join) writer.u8(static_cast<std::uint8_t>(head.sequence));
+    if (!head.is_key()) writer.u8(head.step.byte());
+    if (head.kind <= FrameKind::kSynthetic || residual) writer.u8(head.bands.bits);
+    if (join) writer.varint(head.sequence);
+    if (head.kind <= FrameKind::kSynthetic) writer.varint(time);
+    if (join) writer.varint(time / 2);
+    writer.bytes(payload);
+    return message;
+  }
+
   static Bytes well_made(Envelope& head, const CoefficientLayout& layout, ByteReader& reader) {
     const ChainState state = state_from(layout, reader);
     head.bands = layout.all_bands();
