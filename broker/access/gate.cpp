@@ -297,7 +297,8 @@ Result<void> Grant::take_announcement(bool is_new, TimeUs now_us) {
   if (rate.take(amount, kAnnouncementsPerHour / 3600, kAnnouncementsPerHour, now_us)) return {};
   return fail(ErrorCode::kRefused, label() + " has announced streams too often, more than " +
                                        std::to_string(static_cast<int>(kAnnouncementsPerHour)) +
-                                       " times in an hour (a new name counts as 36): try again in a minute");
+                                       " times in an hour (a new name counts as " +
+                                       std::to_string(static_cast<int>(kNewName)) + "): try again in a minute");
 }
 
 Result<TimeUs> Grant::take_request(double listing, TimeUs now_us, TimeUs max_wait_us) {

@@ -42,8 +42,7 @@ class AssetExchange {
 
   void serve(const std::string& self);
   /// Calls `done` when object `asset` and its references are in the store, at once if they are; `payer` holds what is
-  /// new there. Errors: kNotFound (at
-  /// the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
+  /// new there. Errors: kNotFound (at the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
   void fetch(const std::string& owner, const Sha256& asset, const std::string& payer, TimeUs now_us, Done done);
   void stop();
 

@@ -13,7 +13,7 @@ namespace {
 constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 /// Retry delay after another broker changed the row first: its change is on its way.
 constexpr TimeUs kOvertakenUs = 50'000;
-constexpr TimeUs kForgetEveryUs = 1'000'000;
+constexpr TimeUs kForgetEveryUs = 10'000'000, kForgetMoreUs = 1'000'000;
 constexpr std::uint64_t kEpochGaps = 256;
 constexpr double kRowBytesPerUs = 28;  ///< JSON at its worst.
 /// What heartbeats say.
@@ -210,9 +210,10 @@ void Backbone::note(const std::string& name) {
 void Backbone::forget() {
   const TimeUs now = environment_.now_us();
   if (now < next_forget_us_) return;
-  next_forget_us_ = now + kForgetEveryUs;
   directory_.forget_silent(now);
-  for (const std::string& name : directory_.forgotten(now)) write(name, std::nullopt);
+  const std::vector<std::string> names = directory_.forgotten(now);
+  next_forget_us_ = now + (names.size() < Directory::kMaxForgotten ? kForgetEveryUs : kForgetMoreUs);
+  for (const std::string& name : names) write(name, std::nullopt);
 }
 
 void Backbone::claim(const std::string& stream, const control::Announce& announce, const Resume& resume,

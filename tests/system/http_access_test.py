@@ -146,6 +146,21 @@ def flap(port, streams, subject=None):
         sender.sock.close()
 
 
+def tls_client():
+    """A context that trusts any server."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
+
+
+def client_hello(context):
+    """The record that begins a handshake."""
+    received, sent = ssl.MemoryBIO(), ssl.MemoryBIO()
+    with contextlib.suppress(ssl.SSLWantReadError):
+        context.wrap_bio(received, sent).do_handshake()
+    return sent.read()
+
+
 @contextlib.contextmanager
 def takes_at_least(test, seconds, why):
     """By a budget: on no machine it is sooner."""
@@ -904,12 +919,8 @@ class Files(unittest.TestCase):
 
     def test_handshakes_of_an_address_are_paced(self):
         certificate, key = self.certificate("rsa:2048")
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-        sent, hello = ssl.MemoryBIO(), ssl.MemoryBIO()
-        with contextlib.suppress(ssl.SSLWantReadError):
-            context.wrap_bio(sent, hello).do_handshake()
-        hello = hello.read()
+        context = tls_client()
+        hello = client_hello(context)
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-work-us-per-s=1000",
                     "--timeouts-header-ms=1000") as broker:
             copies = [socket.create_connection(("127.0.0.1", broker.port), timeout=60) for _ in range(100)]
@@ -926,12 +937,7 @@ class Files(unittest.TestCase):
 
     def test_a_hello_in_many_records_ends_the_connection(self):
         certificate, key = self.certificate("rsa:2048")
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-        sent, hello = ssl.MemoryBIO(), ssl.MemoryBIO()
-        with contextlib.suppress(ssl.SSLWantReadError):
-            context.wrap_bio(sent, hello).do_handshake()
-        hello = hello.read()[5:]
+        hello = client_hello(tls_client())[5:]
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
             for size, good in ((100, True), (1, False)):
                 with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
@@ -944,8 +950,7 @@ class Files(unittest.TestCase):
 
     def test_records_of_one_byte_are_paced_by_their_number(self):
         certificate, key = self.certificate("rsa:2048")
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        context = tls_client()
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-work-us-per-s=1000") as broker:
             with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock, context.wrap_socket(sock) as tls:
                 with takes_at_least(self, 1, "100 reads of 3 us, pauses of 20 us"):
@@ -955,8 +960,7 @@ class Files(unittest.TestCase):
 
     def test_handshakes_cost_what_their_key_takes(self):
         certificate, key = self.certificate("rsa:3072")
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        context = tls_client()
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-work-us-per-s=1000") as broker:
             with takes_at_least(self, 2, "two before the third, each 1.5 ms or more"):
                 for _ in range(3):
@@ -984,8 +988,7 @@ class Files(unittest.TestCase):
         certificate, key = self.certificate("rsa:2048")
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
             for group, good in (("prime256v1", True), ("secp384r1", False), ("secp521r1", False)):
-                context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-                context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+                context = tls_client()
                 context.set_ecdh_curve(group)
                 with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
                     with contextlib.nullcontext() if good else self.assertRaises((ssl.SSLError, OSError), msg=group):
@@ -995,8 +998,7 @@ class Files(unittest.TestCase):
         certificate, key = self.certificate("rsa:2048")  # With an elliptic curve nothing else could be.
         with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
             def handshake(ciphers):
-                context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-                context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+                context = tls_client()
                 context.maximum_version = ssl.TLSVersion.TLSv1_2
                 context.set_ciphers(ciphers)
                 with socket.create_connection(("127.0.0.1", broker.port)) as sock, context.wrap_socket(sock) as tls:
