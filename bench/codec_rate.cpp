@@ -4,15 +4,18 @@
 // sender and a broker would, and reports bits per kind of frame and band, the cost of tripling, Karni-Gotsman errors,
 // and times.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <deque>
 #include <filesystem>
 #include <numeric>
 
 #include "common/codec/chain.h"
 #include "common/core/histogram.h"
+#include "common/motion/curve.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
 #include "common/wire/envelope.h"
@@ -23,8 +26,6 @@
 namespace {
 
 using namespace eigencast;
-
-constexpr double kSyntheticSpacing = 2.5;  // Over that of keys; as broker/relay/feed.cpp.
 
 template <typename T>
 T value_or_exit(Result<T> result) {
@@ -92,9 +93,10 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
   const Projector projector = value_or_exit(Projector::create(asset));
   const CoefficientLayout layout{CodecKind::kQuantised, asset.rank, 3, asset.band_ends};
   const Quantiser quantiser = quantiser_for_error(eps * asset.diagonal(), asset.area, asset.rank);
-  const auto coarse = static_cast<std::uint8_t>(std::min(63.0, kSyntheticSpacing * quantiser.half_spacing));
-
-  Tally keys, synthetics;
+  Tally keys;
+  std::size_t poses = 0, residuals = 0, first_residuals = 0, residual_bytes = 0;
+  std::vector<double> residual_us;
+  std::deque<Key> last;  // The four keys that a curve passes through.
   std::size_t join_bytes = 0;
   SurfaceErrorSum truncation(asset.diagonal()), total(asset.diagonal());
   SourceRebuilder rebuilder(asset);
@@ -110,12 +112,23 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
       CodedKey coded =
           timed(keys.encode_us, [&] { return encode_key(layout, *state, target, quantiser.half_spacing); });
       keys.add(layout, asset, *state, target, coded.payload);
-      for (std::uint32_t at = 1; at < 3; ++at) {
-        const Key pose = value_or_exit(interpolate_keys(layout, state->newer, coded.key, at, 3));
-        synthetics.add(layout, asset, *state, pose,
-                       timed(synthetics.encode_us, [&] { return encode_pose(layout, *state, pose, coarse); }));
-      }
       held = std::move(coded.key);
+    }
+    last.push_back(held);
+    if (last.size() > 4) last.pop_front();
+    for (std::uint32_t at = 1; last.size() == 4 && at < 3; ++at) {
+      const CurveWeights w = catmull_rom_weights(0, 3, 6, 9, 3 + at);
+      const auto rest = timed(residual_us, [&]() -> Result<CodedResidual> {
+        const Key base = value_or_exit(interpolate_keys(layout, last[1], last[2], at, 3));
+        const std::array<const Key*, 4> four{&last[0], &last[1], &last[2], &last[3]};
+        const std::array<double, 4> weights{w.before, w.from, w.to, w.after};
+        return encode_residual(layout, base, value_or_exit(blend_keys(layout, four, weights, 2)),
+                               quantiser.half_spacing);
+      });
+      ++poses;
+      residuals += rest.bands.empty() ? 0 : 1;
+      first_residuals += at > 1 || rest.bands.empty() ? 0 : 1;
+      residual_bytes += rest.payload.size();
     }
     truncation.add(truth, rebuilder.rebuild(C, 3));
     total.add(truth, rebuilder.rebuild(coefficients_from_key(layout, held), 3));
@@ -127,14 +140,17 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
               clip.frame_count(), eps, int{quantiser.step}, int{quantiser.half_spacing});
   std::printf("KG %.3f %% basis alone, %.3f %% in all\n", truncation.result().kg_percent, total.result().kg_percent);
   keys.print("key", keys_per_second, asset.diagonal());
-  synthetics.print("synthetic", 2 * keys_per_second, asset.diagonal());
-  const auto k = static_cast<double>(keys.bytes), wire = static_cast<double>(keys.on_the_wire),
-             n = static_cast<double>(keys.frames);
+  const auto wire = static_cast<double>(keys.on_the_wire), n = static_cast<double>(keys.frames);
   std::printf("join       %6.1f bytes\n", static_cast<double>(join_bytes) / (n + 1));
-  std::printf(
-      "x3 over raw, payload: full %.2f, compact 1.00;  with envelope and WebSocket header: full %.2f, compact %.2f\n",
-      (k + static_cast<double>(synthetics.bytes)) / k, (wire + static_cast<double>(synthetics.on_the_wire)) / wire,
-      (wire + static_cast<double>(3 * bytes_around(0)) * n) / wire);
+  // A step is five bytes and two of WebSocket; a key shows the first one for a byte, unless that has a residual.
+  const double of_each = 1 / static_cast<double>(std::max<std::size_t>(poses, 1));
+  const double each = static_cast<double>(residual_bytes + residuals) * of_each;
+  const double linear = wire + (1 + 2 * 7) * n;
+  const double curved = linear + 2 * n * (7 * static_cast<double>(first_residuals) * of_each + each);
+  std::printf("residual   %6.1f bytes/pose, %zu of %zu poses have one; %5.1f us to make and encode\n", each, residuals,
+              poses, residual_us.empty() ? 0 : median(residual_us));
+  std::printf("x3 over raw, with headers: linear %.2f (+%.1f kbit/s), catmull-rom %.2f\n", linear / wire,
+              (linear - wire) / n * 8e-3 * keys_per_second, curved / wire);
 }
 
 }  // namespace

@@ -47,7 +47,7 @@ std::string text_from_mode(const Profile& profile) {
   if (profile.scheme == Profile::Scheme::kHermite) mode += " hermite";
   if (profile.scheme == Profile::Scheme::kCatmullRom) mode += " catmull-rom";
   if (profile.scheme == Profile::Scheme::kDamped) mode += " damped";
-  return mode + (profile.form == Profile::Form::kFull ? " full" : " compact");
+  return mode;
 }
 
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout) {

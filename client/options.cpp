@@ -35,7 +35,7 @@ constexpr const char* kExitStatus = R"(0 good
 
 struct RawOptions {
   std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "clay", colour_map = "viridis",
-              colour_range, rate, form, scheme, playout = "latest", context;
+              colour_range, rate, scheme, playout = "latest", context;
   Credentials credentials;
   int k = 3, bands = 8;
   double delay_ms = 0, smooth = 1, ahead_ms = 200;
@@ -83,12 +83,11 @@ Result<std::optional<Profile>> profile_from(const CommandLine& line, const std::
   if (!parsed) return parsed.error();
   const Result<Profile> asked = profile_from_query(parsed->query);
   if (!asked) return asked.error();
-  const bool makes = line.has("--k") || line.has("--form") || line.has("--scheme");
+  const bool makes = line.has("--k") || line.has("--scheme");
   if (!makes && !line.has("--rate") && !line.has("--bands")) return std::optional<Profile>();
   Profile profile = *asked;
   if (line.has("--k")) profile.k = static_cast<std::uint8_t>(raw.k);
   if (line.has("--bands")) profile.bands = static_cast<std::uint8_t>(raw.bands);
-  if (line.has("--form")) profile.form = *kFormNames.find(raw.form);
   if (line.has("--rate")) {
     const Profile::Rate rate = kRateNames.find(raw.rate).value_or(Profile::Rate::kInterpolated);
     if (rate != profile.rate) profile.scheme = default_scheme(rate);
@@ -96,10 +95,9 @@ Result<std::optional<Profile>> profile_from(const CommandLine& line, const std::
   }
   if (line.has("--scheme")) profile.scheme = *kSchemeNames.find(raw.scheme);
   if (profile.rate == Profile::Rate::kRaw && makes) {
-    return fail(
-        ErrorCode::kInvalidArgument,
-        "--k, --form and --scheme say how the broker makes poses, but rate raw asks for the keys alone; leave them "
-        "out, or ask for --rate interpolated or estimated");
+    return fail(ErrorCode::kInvalidArgument,
+                "--k and --scheme say how the broker makes poses, but rate raw asks for the keys alone; leave them "
+                "out, or ask for --rate interpolated or estimated");
   }
   if (const auto checked = check_profile(profile); !checked) return checked.error();
   return std::optional<Profile>(profile);
@@ -226,8 +224,6 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
        "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)",
        Choices{"catmull-rom", "damped", "hermite", "linear"}},
       {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
-      {"--form", &raw.form, "what interpolates: the broker (full) or this program (compact)",
-       Choices{"full", "compact"}},
       {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
       {"--playout", &raw.playout, "poses between arrivals: the latest one, or made by this program",
        Choices{"latest", "interpolate", "estimate"}, true},

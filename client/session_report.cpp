@@ -44,7 +44,7 @@ json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
 }
 
 std::string_view name_of(FrameKind kind) {
-  constexpr std::array<std::string_view, 6> kNames{"unknown", "key", "join", "synthetic", "step", "estimate"};
+  constexpr std::array<std::string_view, 5> kNames{"unknown", "key", "join", "step", "estimate"};
   const auto number = static_cast<std::size_t>(kind);
   return kNames[number < kNames.size() ? number : 0];
 }
@@ -73,7 +73,6 @@ void PoseRecord::received(std::size_t source, std::span<const ReceivedPose> pose
                     {"of", e.step.of},
                     {"epoch", e.epoch},
                     {"bands", e.bands.bits},
-                    {"ahead", (e.flags & Envelope::kAhead) != 0},
                     {"capture_us", e.capture_us},
                     {"arrival_us", pose.arrival_us},
                     {"channels", pose.channels},

@@ -34,13 +34,23 @@ std::vector<double> FrameDecoder::coefficients(const Key& key) const {
   return C;
 }
 
-Result<Key> FrameDecoder::made_pose(const Envelope& e) const {
+Result<Key> FrameDecoder::made_pose(const FrameView& frame) const {
   const ChainState& state = *chain_;
+  const Envelope& e = frame.envelope;
   if (e.kind == FrameKind::kEstimate)
     return estimate_keys(layout_, state.older, state.newer, scheme_ == Profile::Scheme::kDamped, e.step.at, e.step.of);
-  if (scheme_ == Profile::Scheme::kHermite)
-    return hermite_keys(layout_, velocities_, state.older, state.newer, state.age_us, e.step.at, e.step.of);
-  return interpolate_keys(layout_, state.older, state.newer, e.step.at, e.step.of);
+  auto pose = scheme_ == Profile::Scheme::kHermite
+                  ? hermite_keys(layout_, velocities_, state.older, state.newer, state.age_us, e.step.at, e.step.of)
+                  : interpolate_keys(layout_, state.older, state.newer, e.step.at, e.step.of);
+  if (!pose || e.is_key() || e.bands.empty()) return pose;
+  return decode_residual(layout_, e.bands, *std::move(pose), frame.payload);
+}
+
+Result<const Key*> FrameDecoder::shown(Result<Key> made) {
+  if (!made) return made.error();
+  ++counts_.synthetic;
+  made_ = *std::move(made);
+  return &made_;
 }
 
 Result<const Key*> FrameDecoder::decode(const FrameView& frame) {
@@ -82,24 +92,19 @@ Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
       chain_ = advanced(std::move(chain_), std::move(*key), e.capture_us - newest_capture_us_);
       break;
     }
-    case FrameKind::kSynthetic:
     case FrameKind::kStep:
-    case FrameKind::kEstimate: {
-      const bool leads_up = e.kind == FrameKind::kSynthetic;
-      if (!chain_ || e.sequence != newest_ + (leads_up ? 1 : 0)) return undecodable();
-      auto key = e.bands.empty() && !leads_up ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
-      if (!key) return key.error();
-      ++counts_.synthetic;
-      made_ = std::move(*key);
-      return &made_;
-    }
+    case FrameKind::kEstimate:
+      if (!chain_ || e.sequence != newest_) return undecodable();
+      return shown(made_pose(frame));
   }
   if (last_seen_ && e.sequence > *last_seen_ + 1) counts_.missed += e.sequence - *last_seen_ - 1;
   last_seen_ = std::max(last_seen_.value_or(e.sequence), e.sequence);
   newest_ = e.sequence;
   newest_capture_us_ = e.capture_us;
   ++counts_.keys;
-  return (e.flags & Envelope::kAhead) == 0 ? &chain_->newer : nullptr;
+  ahead_ = e.is_ahead();
+  if (e.step.of != 0) return shown(made_pose(frame));
+  return ahead_ ? nullptr : &chain_->newer;
 }
 
 }  // namespace eigencast

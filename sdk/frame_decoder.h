@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <utility>
 
 #include "common/codec/chain.h"
 #include "common/codec/key.h"
@@ -12,13 +13,13 @@
 namespace eigencast {
 
 /// A receiver's end of one stream's key chain (docs/protocol.md): a key s is decodable when the newest key is s-1, a
-/// synthetic frame that leads up to s likewise; a step or an estimate beyond s when the newest key is s; a join always.
-/// Whatever is not waits for the next join. Pure: no thread, no clock, no socket. Not thread-safe.
+/// step up to s or an estimate beyond it when the newest key is s; a join always. Whatever is not waits for the next
+/// join. Pure: no thread, no clock, no socket. Not thread-safe.
 class FrameDecoder {
  public:
   struct Counts {
     std::uint64_t keys = 0;       ///< Keys and joins decoded.
-    std::uint64_t synthetic = 0;  ///< Synthetic frames, steps and estimates decoded.
+    std::uint64_t synthetic = 0;  ///< Poses made between keys or beyond them, also those that keys sent ahead show.
     std::uint64_t joins = 0;
     std::uint64_t rejected = 0;  ///< Frames that could not be decoded.
     std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
@@ -27,9 +28,12 @@ class FrameDecoder {
   void set_stream(const control::StreamInfo& info);  ///< Another stream or epoch starts the chain anew.
   void restart() { chain_.reset(); }
 
-  /// Valid until the next call; null when there is none to show (a key sent ahead, another stream or epoch, no state
-  /// yet). Errors: kCorrupt and those of the codec; the chain then waits for a join.
+  /// The pose to show, valid until the next call; null when there is none (another stream or epoch, no state yet, a key
+  /// sent ahead that shows none). Errors: kCorrupt and those of the codec; after a key the chain waits for a join.
   Result<const Key*> decode(const FrameView& frame);
+  /// The newest key if it was sent ahead and not taken yet: poses that lead up to it follow. Valid until decode().
+  const Key* take_ahead() { return std::exchange(ahead_, false) && chain_ ? &chain_->newer : nullptr; }
+  TimeUs newest_capture_us() const { return newest_capture_us_; }
 
   const CoefficientLayout& layout() const { return layout_; }
   std::vector<double> coefficients(const Key& key) const;  ///< r x c, scalars in the sender's units.
@@ -38,7 +42,8 @@ class FrameDecoder {
 
  private:
   Result<const Key*> apply(const FrameView& frame);
-  Result<Key> made_pose(const Envelope& envelope) const;
+  Result<Key> made_pose(const FrameView& frame) const;
+  Result<const Key*> shown(Result<Key> made);
 
   CoefficientLayout layout_;
   VelocityChannels velocities_;
@@ -51,6 +56,7 @@ class FrameDecoder {
   Key made_;                  ///< The last pose between keys or beyond them.
   std::uint64_t newest_ = 0;  ///< Sequence of chain_->newer.
   TimeUs newest_capture_us_ = 0;
+  bool ahead_ = false;
   std::optional<std::uint64_t> last_seen_;  ///< Newest key of this epoch, also over restarts.
   Counts counts_;
 };

@@ -149,12 +149,20 @@ Result<bool> Receiver::decode(const FrameView& frame, TimeUs now) {
   const Result<const Key*> key = decoder_.decode(frame);
   if (!key) return key.error();
   if (*key == nullptr) return false;
-  condition_.latency_us.add(now - frame.envelope.capture_us);
   if (news_.poses.size() == kMaxPoses) news_.poses.pop_front();
   const CoefficientLayout& layout = decoder_.layout();
   ReceivedPose pose{frame.envelope,  now, steady_now_us(), decoder_.coefficients(**key), layout.channels,
                     layout.band_ends};
-  pose.envelope.bands = (*key)->bands;  // A step's own envelope has none.
+  Envelope& head = pose.envelope;
+  head.bands = (*key)->bands;
+  if (head.is_ahead()) {
+    head.kind = FrameKind::kStep;
+    head.capture_us = shown_us(frame.envelope);
+    head.flags = 0;
+  }
+  condition_.latency_us.add(now - head.capture_us);
+  if (const Key* next = decoder_.take_ahead())
+    pose.next = {decoder_.newest_capture_us(), next->bands, decoder_.coefficients(*next)};
   news_.poses.push_back(std::move(pose));
   return true;
 }

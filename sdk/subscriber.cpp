@@ -95,12 +95,16 @@ class BrokerSubscriber final : public Subscriber {
     // A pose brings its own layout: what was announced with it may not be what is announced now.
     const Asset& asset = *surfaces_.asset();
     if (pose.channels < 3 || pose.coefficients.size() != std::size_t{asset.rank} * pose.channels) return;
-    for (std::size_t band = 0; band < pose.band_ends.size(); ++band) {
-      if (pose.envelope.bands.has(band)) continue;
-      std::vector<double>& C = pose.coefficients.edit();
-      const auto [first, end] = band_range(pose.band_ends, band);
-      for (std::size_t row = first; row < end; ++row) std::copy_n(&asset.rest[3 * row], 3, &C[row * pose.channels]);
-    }
+    const auto fill = [&](BandMask bands, Coefficients& coefficients) {
+      for (std::size_t band = 0; band < pose.band_ends.size(); ++band) {
+        if (bands.has(band)) continue;
+        std::vector<double>& C = coefficients.edit();
+        const auto [first, end] = band_range(pose.band_ends, band);
+        for (std::size_t row = first; row < end; ++row) std::copy_n(&asset.rest[3 * row], 3, &C[row * pose.channels]);
+      }
+    };
+    fill(pose.envelope.bands, pose.coefficients);
+    if (pose.next) fill(pose.next->bands, pose.next->coefficients);
     poses.push_back(std::move(pose));
   }
 

@@ -32,12 +32,19 @@ struct SubscriberOptions {
 };
 
 struct ReceivedPose {
-  Envelope envelope;          ///< As it came; `bands` are those that the pose has, also for steps.
+  /// A key whose poses are still to come.
+  struct Next {
+    TimeUs capture_us = 0;
+    BandMask bands;
+    Coefficients coefficients;
+  };
+  Envelope envelope;          ///< That of the pose, with its bands; where a key shows a pose up to it, of that step.
   TimeUs arrival_us = 0;      ///< Steady clock, when the last byte was read.
   TimeUs decoded_us = 0;      ///< Likewise, when it was decoded.
   Coefficients coefficients;  ///< Absent bands read as the rest pose (docs/protocol.md).
   std::uint32_t channels = 3;
   std::vector<std::uint32_t> band_ends = {};  ///< The row at which each band ends, as announced with the pose.
+  std::optional<Next> next = {};              ///< Set once for each key that came ahead; as large as `coefficients`.
 };
 
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by

@@ -16,7 +16,7 @@ from reference_bits import Bits, Bytes, ProtocolError, RangeDecoder, more, requi
 
 MAX_VALUE = 2**30
 MAX_TIME = 2**62 - 1
-KINDS = {1: "key", 2: "join", 3: "synthetic", 4: "step", 5: "estimate"}
+KINDS = {1: "key", 2: "join", 3: "step", 4: "estimate"}
 CODECS = {"float64": 0, "float32": 1, "quantised": 2}
 NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]
 FOURTH_ROOTS = [1073741824, 1276901417, 1518500250, 1805811301]
@@ -175,7 +175,7 @@ def interpolate(layout, a, b, at, of):
             continue
         for i in band_range(layout, band):
             if layout["codec"] != "quantised":
-                pose.values[i] = a.values[i] + (b.values[i] - a.values[i]) * at / of
+                pose.values[i] = b.values[i] if at == of else a.values[i] + (b.values[i] - a.values[i]) * at / of
                 continue
             start = rescale(a.values[i], a.step, b.step)
             require(start is not None, "interpolation leaves the range")
@@ -193,7 +193,7 @@ def round_quotient(n, d):
 def hermite(layout, a, b, age, at, of):
     pose = interpolate(layout, a, b, at, of)
     count, channels = layout.get("velocity_channels", 0), layout["channels"]
-    if count == 0 or not 0 < age <= 1000000:
+    if count == 0 or at == of or not 0 < age <= 1000000:
         return pose
     unit = layout.get("velocity_us", 1000000)
     share, slope0, slope1 = at * at * (3 * of - 2 * at), at * (of - at) ** 2, -at * at * (of - at)
@@ -255,21 +255,22 @@ class Receiver:
         kind, flags = first & 7, first >> 3
         require(kind in KINDS, "kind")
         name = KINDS[kind]
-        is_key, precedes = name in ("key", "join"), name in ("key", "synthetic")
-        require(flags & ~(1 if is_key else 2 if name == "estimate" else 0) == 0, "flags")
+        is_key = name in ("key", "join")
+        require(flags & ~(1 if is_key else 2 if name == "step" else 0) == 0, "flags")
         stream_id, tag = reader.varint(), reader.u8()
         require(stream_id < 2**32, "stream id")
         check = None if name == "join" else reader.u8()
-        step = 0 if is_key else reader.u8()
+        step = 0 if is_key and not flags else reader.u8()
         at, of = step >> 4, step & 15
-        require(is_key or 1 <= at and 1 <= of and (at <= of or name == "estimate"), "step")
-        has_bands = is_key or name == "synthetic" or flags == 2
+        between = at >= 1 and of >= 1 and (at < of or at == of and not is_key or name == "estimate")
+        require(between or is_key and not step, "step")
+        has_bands = is_key or flags == 2
         bands = reader.u8() if has_bands else 0
         require(bands < 2 ** len(self.layout["band_ends"]), "unknown bands")
         if name == "join":
             sequence, capture, age = reader.varint(), reader.varint(), reader.varint()
             require(age <= capture <= MAX_TIME, "capture time or age")
-        code = reader.varint() if precedes else 0
+        code = reader.varint() if name == "key" else 0
         delay = code // 2 if code % 2 == 0 else -(code + 1) // 2
         require(abs(delay) <= MAX_TIME, "capture time")
         payload = Bytes(reader.data[reader.at :])
@@ -283,31 +284,43 @@ class Receiver:
             sequence, capture = resolved
         out = {"kind": name, "flags": flags if is_key else 0, "bands": bands, "at": at, "of": of, "stream_id": stream_id, "tag": tag}
         out.update(sequence=sequence, capture_us=capture)
-        scheme = self.layout.get("scheme")
         if name == "join":
             self.read_join(bands, payload)
             self.number, self.capture, self.age = sequence, capture, age
             out.update(age_us=age, older=self.older.json(), newer=self.newer.json())
-            return out
-        if name == "step" and scheme == "hermite":
-            pose = hermite(self.layout, self.older, self.newer, self.age, at, of)
-        elif name == "step":
-            pose = interpolate(self.layout, self.older, self.newer, at, of)
-        elif not has_bands:
-            pose = estimate(self.layout, self.older, self.newer, scheme == "damped", at, of)
-        else:
-            pose = self.read_key(bands, payload)
-        if name == "key":
-            self.older, self.newer, self.number = self.newer, pose, sequence
+        elif name == "key":
+            key = self.read_key(bands, payload, self.newer, self.older)
+            self.older, self.newer, self.number = self.newer, key, sequence
             self.age, self.capture = capture - self.capture, capture
-        out["pose"] = pose.json()
+            out["pose"] = key.json()
+        elif name == "step":
+            pose = self.interpolated(at, of)
+            if bands:
+                require(bands & ~pose.bands == 0, "residual of a band that the pose lacks")
+                residual = self.read_key(bands, payload, pose, None)
+                require(residual.step == pose.step, "step of a residual")
+                for band in range(len(self.layout["band_ends"])):
+                    if bands >> band & 1:
+                        for i in band_range(self.layout, band):
+                            pose.values[i] = residual.values[i]
+            out["pose"] = pose.json()
+        else:
+            damped = self.layout.get("scheme") == "damped"
+            out["pose"] = estimate(self.layout, self.older, self.newer, damped, at, of).json()
+        if is_key and at:
+            out["shown"] = self.interpolated(at, of).json()
         return out
+
+    def interpolated(self, at, of):
+        if self.layout.get("scheme") == "hermite":
+            return hermite(self.layout, self.older, self.newer, self.age, at, of)
+        return interpolate(self.layout, self.older, self.newer, at, of)
 
     def resolved(self, name, check, at, of, delay):
         """Sequence and capture time of a frame that follows the newest key, else None."""
         if self.number is None:
             return None
-        sequence = self.number + (1 if name in ("key", "synthetic") else 0)
+        sequence = self.number + (name == "key")
         part = self.age if name == "key" else self.age * at // of
         capture = self.capture + part + delay - (self.age if name == "step" else 0)
         in_range = 0 <= capture <= MAX_TIME and (name != "key" or capture > self.capture)
@@ -334,15 +347,15 @@ class Receiver:
                 section.finish()
         payload.finish()
 
-    def read_key(self, bands, payload):
-        m, step = self.read_codec(payload, self.newer)
+    def read_key(self, bands, payload, newer, older):
+        m, step = self.read_codec(payload, newer)
         require(not m or self.layout["codec"] == "quantised", "spacing of a float codec")
         key = Key(self.layout, bands, step)
         for band, section in self.sections(bands, payload):
             c1 = c2 = None
             if self.layout["codec"] == "quantised":
-                c1 = references(self.layout, self.newer, band, key.step)
-                c2 = references(self.layout, self.older, band, key.step)
+                c1 = references(self.layout, newer, band, key.step)
+                c2 = references(self.layout, older, band, key.step)
             read_run(self.layout, section, m, c1, c2, band, key.values)
         return key
 

@@ -19,7 +19,7 @@ std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t ch
 
 Shown shown_from(FrameKind kind) {
   if (kind == FrameKind::kEstimate) return Shown::kEstimated;
-  return kind == FrameKind::kSynthetic || kind == FrameKind::kStep ? Shown::kInterpolated : Shown::kLive;
+  return kind == FrameKind::kStep ? Shown::kInterpolated : Shown::kLive;
 }
 
 }  // namespace
@@ -111,13 +111,13 @@ void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
     stream_bands_ = pose.envelope.bands;
     bands_received_ = static_cast<std::uint32_t>(std::popcount(stream_bands_.bits));
   }
-  if ((pose.envelope.flags & Envelope::kAhead) != 0) return;  // its steps lead up to it
   if (pose.channels < 3 || pose.coefficients.size() != std::size_t{asset.rank} * pose.channels) {
     ++poses_unusable_;
     return;
   }
   const Envelope& e = pose.envelope;
   playout_.add({e.capture_us, pose.coefficients, stream_bands_, shown_from(e.kind)}, pose.arrival_us);
+  if (pose.next) playout_.add_next({pose.next->capture_us, pose.next->coefficients, pose.next->bands});
 }
 
 bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {

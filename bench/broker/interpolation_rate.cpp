@@ -100,7 +100,6 @@ Cost run(const std::vector<Bytes>& keys, std::size_t streams, double rate, const
       }
       hub.mark_dirty(*all[i]);
       hub.deliver();
-      hub.prepare();
     }
   }
   const double took_s = static_cast<double>(keys.size() - settled) / rate;
@@ -124,7 +123,7 @@ int main(int argc, char** argv) {
   const auto keys = frames_of(argv[1]);
   const std::size_t streams = argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 100;
   const double rate = argc > 3 ? std::atof(argv[3]) : 30;
-  for (const char* query : {"rate=raw", "", "form=compact", "scheme=catmull-rom"}) {
+  for (const char* query : {"rate=raw", "", "scheme=catmull-rom"}) {
     const Profile profile = profile_from_query(query).value();
     std::vector<Cost> costs;
     for (int i = 0; i < 5; ++i) costs.push_back(run(keys, streams, rate, profile));

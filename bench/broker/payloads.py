@@ -6,7 +6,7 @@ import struct
 
 import typing
 
-KEY, JOIN, SYNTHETIC, STEP, ESTIMATE = 1, 2, 3, 4, 5
+KEY, JOIN, STEP, ESTIMATE = 1, 2, 3, 4
 FIRST_TAG = 1  # Of a fresh broker's first epoch of a stream.
 WIDE = 1 << 56  # Numbers from here to twice that are varints of nine bytes.
 
@@ -40,6 +40,7 @@ class Head(typing.NamedTuple):
     tag: int
     sequence: int
     capture_us: int
+    shown_us: int  # When the pose holds that it shows; keys sent ahead show one that leads up to them, or none (at is 0).
     size: int  # Where the payload begins.
 
 
@@ -66,22 +67,22 @@ class Chain:
 
     def read(self, message):
         """None: it does not follow the newest key."""
-        kind, residual = message[0] & 7, message[0] & 16
+        kind, ahead, residual = message[0] & 7, message[0] & 8, message[0] & 16
         stream_id, at = varint_at(message, 1)
         tag, at = message[at], at + 1
         check, at = (None, at) if kind == JOIN else (message[at], at + 1)
-        step, at = (0, at) if kind in (KEY, JOIN) else (message[at], at + 1)
-        bands, at = (message[at], at + 1) if kind <= SYNTHETIC or residual else (0, at)
+        step, at = (message[at], at + 1) if kind > JOIN or ahead else (0, at)
+        bands, at = (message[at], at + 1) if kind <= JOIN or residual else (0, at)
         age_us = 0
         if kind == JOIN:
             sequence, at = varint_at(message, at)
             capture_us, at = varint_at(message, at)
             age_us, at = varint_at(message, at)
         else:
-            code, at = varint_at(message, at) if kind in (KEY, SYNTHETIC) else (0, at)
+            code, at = varint_at(message, at) if kind == KEY else (0, at)
             if self.sequence is None:
                 return None
-            sequence = self.sequence + (kind in (KEY, SYNTHETIC))
+            sequence = self.sequence + (kind == KEY)
             if sequence & 255 != check:
                 self.sequence = None if kind == KEY else self.sequence
                 return None
@@ -89,7 +90,8 @@ class Chain:
             delay = code // 2 if code % 2 == 0 else -(code + 1) // 2
             capture_us = self.capture_us + part + delay - (self.age_us if kind == STEP else 0)
         self.note(kind, sequence, capture_us, age_us)
-        return Head(kind, bool(message[0] & 8), step >> 4, step & 15, bands, stream_id, tag, sequence, capture_us, at)
+        shown_us = capture_us - self.age_us + self.age_us * (step >> 4) // (step & 15) if ahead and step else capture_us
+        return Head(kind, bool(ahead), step >> 4, step & 15, bands, stream_id, tag, sequence, capture_us, shown_us, at)
 
 
 def announce(asset, rows, codec, bands=None, rate=30):

@@ -218,7 +218,6 @@ void Following::take(Remote& remote, Bytes message) {
   if (!remote.follower.is_joined()) note(remote.stream->name());
   hub_->mark_dirty(*remote.stream);
   hub_->deliver();
-  hub_->prepare();
   environment_.frames_came();
 }
 

@@ -148,8 +148,8 @@ void Subscriber::report_dropped() {
     if (outbox().control_messages() > 0) continue;
     send(control::Notice{found->second.stream->name(),
                          "dropped " + std::to_string(dropped.frames) +
-                             " frames that newer ones overtook before they could leave; where that goes on, a compact "
-                             "or raw profile, or fewer bands, needs less of the link",
+                             " frames that newer ones overtook before they could leave; where that goes on, a raw "
+                             "profile, or fewer bands, needs less of the link",
                          dropped.frames});
   }
 }

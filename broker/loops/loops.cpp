@@ -56,13 +56,11 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
     : hub_(hub_settings(config, std::move(taps), siblings.ids, siblings.memory, std::move(on_opened))),
       context_{shared, io_, config, hub_, turn_, siblings.loops, siblings.last_connection_id},
       io_(1),
-      turn_(
-          io_, turn_settings(config), shared.log,
-          [this] {
-            hub_.deliver();
-            arm_schedule();
-          },
-          [this] { hub_.prepare(); }),
+      turn_(io_, turn_settings(config), shared.log,
+            [this] {
+              hub_.deliver();
+              arm_schedule();
+            }),
       schedule_(io_.get_executor()),
       tick_(io_.get_executor()) {}
 

@@ -140,7 +140,7 @@ class BrokerMetrics {
     counter("joins_sent_total", "Join frames sent: viewers that came, or had missed something.", counters.joins_sent);
     auto& steps = family("eigencast_broker_ladder_steps_total", MetricType::Counter,
                          "Profiles changed for links that take less or more, by where the step led.");
-    for (const char* rung : {"asked", "compact", "raw", "fewer-bands"}) {
+    for (const char* rung : {"asked", "linear", "raw", "fewer-bands"}) {
       for (const auto& [direction, taken] :
            {std::pair("down", &counters.ladder_down), std::pair("up", &counters.ladder_up)}) {
         const auto found = taken->find(rung);

@@ -54,12 +54,12 @@ std::int64_t keys_bytes(const StreamFormat& format);
 std::int64_t encoded_bytes(const CoefficientLayout& layout, const Profile& profile);
 
 /// Decides which frames the subscribers of one profile get in one epoch, and when; encodes each exactly once.
-///   raw        key s on arrival
-///   full       synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced
-///   compact    key s marked kAhead once the steps before it are sent, then step (s, 1/k) ... (s, k/k), paced
-///   estimated  key s on arrival, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 or max_ahead_us
+///   raw           key s on arrival
+///   interpolated  key s marked kAhead, which shows the pose (s, 1/k), then step (s, 2/k) ... (s, k/k), evenly paced
+///   estimated     key s on arrival, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 or max_ahead_us
 /// Interpolated poses lie on the profile's curve. Catmull-Rom uses key s+1 for the whole interval if it arrived before
-/// the interval's first pose was due, else not at all. Hermite uses the velocities of the format. Not thread-safe.
+/// the interval's first pose was due, else not at all; its steps carry residuals. Hermite uses the velocities of the
+/// format. Not thread-safe.
 class Feed {
  public:
   struct Source {
@@ -72,7 +72,7 @@ class Feed {
     TimeUs max_ahead_us = 200'000;  ///< Estimates end this long after the newest key.
   };
 
-  /// Counts what encoding poses took; false: the budget is used up, and poses, never keys, are left out. 0: asks.
+  /// Counts what residuals took; false: the budget is used up, and their poses, never keys, are left out. 0: asks.
   using Payer = std::function<bool(double work_us)>;
 
   /// profile  bands within the layout; Hermite only with velocities
@@ -89,13 +89,9 @@ class Feed {
 
   std::optional<TimeUs> next_due_us() const;
 
-  /// Encodes pending poses before they are due, while their keys are in the CPU caches; none while poses are overtaken.
-  void prepare();
-  std::size_t prepared_poses() const { return prepared_.size(); }
-
   /// The current join frame, encoded once. Null before the first key.
   FramePtr join();
-  bool has_join() const { return join_ != nullptr; }
+  bool has_join() const { return !join_payload_.empty(); }
 
   const Profile& profile() const { return profile_; }
   /// Poses since the last call that were not encoded: beyond the codec's range, or not paid for.
@@ -103,20 +99,13 @@ class Feed {
 
  private:
   /// `overtaken`: a newer pose is due already.
-  void pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
-  void pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
-  void emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePtr>& out);
-  void emit_pending_ahead(std::vector<FramePtr>& out);
+  void emit_due(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
+  /// `ahead`: steps lead up to it, and it shows this one; {0, 0}: nothing.
+  void emit_key(KeyRecordPtr record, std::optional<InterpolationStep> ahead, std::vector<FramePtr>& out);
   void pump_estimates(TimeUs now_us, std::vector<FramePtr>& out);
-  void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
-  void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
-  FramePtr synthetic(const KeyRecord& record, const Pacer::Due& due);
-  /// A pose that nothing builds on, encoded more coarsely than a key of `key_spacing`, in the profile's bands.
-  FramePtr made(Envelope head, const ChainClock* newest, std::uint8_t key_spacing, const ChainState& state,
-                Result<Key> pose) const;
-  FramePtr take_prepared(const Pacer::Due& due);
-  void emit_made(FramePtr frame, std::vector<FramePtr>& out);
-  Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);
+  KeyRecordPtr take_pending();
+  /// What a step to the pose carries besides; nothing: the pose is left out. REQUIRES: record.before.
+  std::optional<CodedResidual> residual(const KeyRecord& record, const Pacer::Due& due);
   Result<Key> pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const;
   /// Describes the record itself, or a pose `due` between keys.
   Envelope envelope(FrameKind kind, const KeyRecord& record, const Pacer::Due* due = nullptr) const;
@@ -129,8 +118,6 @@ class Feed {
   Pacer pacer_;                       ///< Paces interpolated poses.
   Forecaster forecaster_;             ///< Paces estimated poses.
   std::deque<KeyRecordPtr> pending_;  ///< Keys that arrived and are not emitted yet; bounded.
-  std::deque<FramePtr> prepared_;     ///< Synthetic poses encoded before they are due, in order; at most kMaxPrepared.
-  bool behind_ = false;               ///< Poses were overtaken since the last key emitted on time.
   KeyRecordPtr last_emitted_;         ///< The last key emitted.
   /// Catmull-Rom: whether the interval that ends at key `sequence` uses the key after it.
   struct Curve {
@@ -138,8 +125,10 @@ class Feed {
     bool with_next = false;
   };
   std::optional<Curve> curve_;
-  bool steps_pending_ = false;  ///< Compact: steps up to last_emitted_ are still due.
+  bool steps_pending_ = false;  ///< Steps up to last_emitted_ are still due.
+  InterpolationStep shown_;     ///< Then: what a join shows.
   FramePtr join_;
+  Bytes join_payload_;
   bool gap_ = false;
   std::uint64_t failed_poses_ = 0;
 };

@@ -33,10 +33,7 @@ using FramePtr = std::shared_ptr<const Frame>;
 inline FramePtr make_frame(const Envelope& envelope, const ChainClock* newest, ByteView payload) {
   auto frame = std::make_shared<Frame>();
   frame->envelope = envelope;
-  // The next key builds on it, a synthetic pose leads to the next key, steps and estimates start at it
-  // (docs/protocol.md, section 5).
-  const bool leads = envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kSynthetic;
-  frame->builds_on = envelope.sequence - (leads ? 1 : 0);
+  frame->builds_on = envelope.sequence - (envelope.kind == FrameKind::kKey ? 1 : 0);
   Bytes head;
   head.reserve(Envelope::kMaxBytes);
   append_envelope(envelope, newest, head);

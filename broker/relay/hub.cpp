@@ -96,18 +96,11 @@ void Hub::deliver() {
     stream->deliver();
     schedule(*stream);
   }
-  delivered_.swap(dirty_);
   dirty_.clear();
-}
-
-void Hub::prepare() {
-  for (Stream* stream : delivered_) stream->prepare();
-  delivered_.clear();
 }
 
 void Hub::forget(decltype(streams_)::iterator stream) {
   std::erase(dirty_, stream->second.get());
-  std::erase(delivered_, stream->second.get());
   unschedule(*stream->second);
   discharge(*stream->second);
   streams_.erase(stream);

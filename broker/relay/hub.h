@@ -48,8 +48,6 @@ class Hub {
     if (dirty_.empty() || dirty_.back() != &stream) dirty_.push_back(&stream);
   }
   void deliver();
-  /// Call after the frames of the last deliver() are written: encodes its streams' next poses (Feed::prepare).
-  void prepare();
   std::optional<TimeUs> next_due_us() const;
 
   /// Sorted by name, those after a name only; valid until the next open() or unwatched().
@@ -68,7 +66,6 @@ class Hub {
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::size_t admitted_ = 0;
   std::vector<Stream*> dirty_;
-  std::vector<Stream*> delivered_;                ///< By the last deliver(); not prepared yet.
   std::set<std::pair<TimeUs, Stream*>> wakeups_;  ///< Streams by Stream::wake_us_.
   std::vector<Stream*> pumping_;                  ///< Scratch.
 };

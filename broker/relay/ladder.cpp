@@ -22,7 +22,7 @@ bool is_bad(const Ladder::Counts& lately) {
 std::string in_words(const Profile& profile) {
   std::string words = "raw keys";
   if (profile.rate != Profile::Rate::kRaw) {
-    words = std::string(profile.form == Profile::Form::kFull ? "full" : "compact") +
+    words = std::string(kSchemeNames[profile.scheme]) +
             (profile.rate == Profile::Rate::kInterpolated ? " interpolation x" : " estimates x") +
             std::to_string(profile.k);
   }
@@ -32,15 +32,14 @@ std::string in_words(const Profile& profile) {
 const char* rung_name(const Profile& rung, const Profile& requested) {
   if (rung == requested) return "asked";
   if (rung.bands < requested.bands) return "fewer-bands";
-  return rung.rate == Profile::Rate::kRaw ? "raw" : "compact";
+  return rung.rate == Profile::Rate::kRaw ? "raw" : "linear";
 }
 
 std::vector<Profile> rungs_below(const Profile& asked, std::uint8_t bands) {
   std::vector<Profile> rungs{asked};
   Profile next = asked;
-  if (next.rate != Profile::Rate::kRaw && next.form == Profile::Form::kFull) {
-    next.form = Profile::Form::kCompact;
-    if (next.scheme == Profile::Scheme::kCatmullRom) next.scheme = Profile::Scheme::kLinear;  // It has no compact form.
+  if (next.scheme == Profile::Scheme::kCatmullRom) {
+    next.scheme = Profile::Scheme::kLinear;
     rungs.push_back(next);
   }
   if (next.rate != Profile::Rate::kRaw) {

@@ -10,10 +10,10 @@
 
 namespace eigencast::broker {
 
-/// Adapts one viewer's profile to its link. The rungs lead from the requested profile over compact interpolation and
-/// raw keys down to fewer and fewer bands. A viewer that skips many frames, or needs joins repeatedly, goes down. One
-/// that gets every frame for a while goes up, after a longer while each time it relapsed. A reader that takes nothing
-/// keeps its rung: it costs nothing, and gets a join when it resumes. Not thread-safe.
+/// Adapts one viewer's profile to its link. The rungs lead from the requested profile over linear interpolation, which
+/// needs no residuals, and raw keys down to fewer and fewer bands. A viewer that skips many frames, or needs joins
+/// repeatedly, goes down. One that gets every frame for a while goes up, after a longer while each time it relapsed. A
+/// reader that takes nothing keeps its rung: it costs nothing, and gets a join when it resumes. Not thread-safe.
 class Ladder {
  public:
   struct Counts {
@@ -24,7 +24,7 @@ class Ladder {
   struct Step {
     Profile profile;
     bool down = false;
-    const char* rung = "";  ///< The new rung, for metrics: "asked", "compact", "raw", "fewer-bands".
+    const char* rung = "";  ///< The new rung, for metrics: "asked", "linear", "raw", "fewer-bands".
     std::string why;        ///< For people.
   };
 

@@ -45,7 +45,7 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   if (lane == nullptr) return;
   if (frame->envelope.is_key()) {
     skip(*lane, lane->key);
-    if ((frame->envelope.flags & Envelope::kAhead) == 0) skip(*lane, lane->pose);  // It is shown as it comes.
+    if (frame->envelope.shows()) skip(*lane, lane->pose);
     lane->key = frame;
     lane->pose_first = lane->pose != nullptr;
   } else {
@@ -90,7 +90,8 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   ++joins_total_;
   ++lane.counts.joins;
   const std::uint64_t joined = join->envelope.sequence;
-  if ((join->envelope.flags & Envelope::kAhead) == 0) lane.shown = joined;
+  lane.joined = joined;
+  lane.joined_at = join->envelope.is_ahead() ? join->envelope.step.at : std::uint8_t{15};
   if (lane.key && lane.key->envelope.sequence <= joined) lane.key = nullptr;  // The join holds it.
   if (lane.key && !decodable(*lane.key, joined)) skip(lane, lane.key);
   if (lane.pose && !decodable(*lane.pose, lane.key ? lane.key->envelope.sequence : joined)) skip(lane, lane.pose);
@@ -98,14 +99,8 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
 }
 
 void Outbox::drop_overtaken(Lane& lane) {
-  // A join may overtake frames that were made before it and are offered after it; shown, also the steps that end at it.
-  const auto is_overtaken = [&](const FramePtr& frame) {
-    if (!frame || !lane.newest) return false;
-    const bool is_step = frame->envelope.kind == FrameKind::kStep;
-    return frame->builds_on < *lane.newest || (is_step && frame->builds_on == lane.shown);
-  };
-  if (is_overtaken(lane.key)) lane.key = nullptr;
-  if (is_overtaken(lane.pose)) skip(lane, lane.pose);
+  if (lane.key && is_overtaken(lane, *lane.key)) lane.key = nullptr;
+  if (lane.pose && is_overtaken(lane, *lane.pose)) skip(lane, lane.pose);
 }
 
 void Outbox::note_in_flight(Lane& lane) {

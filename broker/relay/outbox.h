@@ -18,7 +18,7 @@ namespace eigencast::broker {
 /// The send queue of one connection: decides what is sent next and what a slow viewer skips. Not thread-safe.
 ///
 /// Backpressure: control messages wait in a bounded queue and are never dropped (overflow: disconnect). Each watched
-/// stream has a lane of two slots: one key, and one pose that nothing builds on (synthetic, step). A newer frame
+/// stream has a lane of two slots: one key, and one pose that nothing builds on (step, estimate). A newer frame
 /// replaces an older one in its slot; a key to be shown at once also replaces the waiting pose. Frames leave in the
 /// order they were offered. A receiver that missed a key gets a join frame next, never a backlog.
 ///
@@ -109,9 +109,10 @@ class Outbox {
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
     FramePtr key;                         ///< Waiting key or join.
-    FramePtr pose;                        ///< Waiting synthetic or step.
+    FramePtr pose;                        ///< Waiting step or estimate.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
-    std::optional<std::uint64_t> shown;   ///< Sequence of the latest join made for it that is shown at once.
+    std::uint64_t joined = 0;             ///< Sequence of the latest join made for it ...
+    std::uint8_t joined_at = 0;           ///< ... and the last step up to it that is shown with it.
     InFlight last{0, {}, -1};             ///< The last frame sent; the only one kept before the first acknowledgement.
     Ladder::Counts counts;
     std::vector<InFlight> in_flight;  ///< Oldest first.
@@ -121,6 +122,13 @@ class Outbox {
   Lane* find(std::uint32_t stream_id);
   static bool decodable(const Frame& frame, std::optional<std::uint64_t> newest) {
     return frame.envelope.kind == FrameKind::kJoin || (newest && *newest == frame.builds_on);
+  }
+  /// A join may overtake frames that were made before it and are offered after it.
+  static bool is_overtaken(const Lane& lane, const Frame& frame) {
+    const Envelope& head = frame.envelope;
+    const bool step_is_past =
+        head.kind == FrameKind::kStep && head.sequence == lane.joined && head.step.at <= lane.joined_at;
+    return lane.newest && (frame.builds_on < *lane.newest || step_is_past);
   }
   bool window_closed(const Lane& lane, TimeUs now_us) const {
     return now_us >= hold_from_us_ || (acknowledges_ && in_flight_too_long(lane, now_us));
@@ -157,6 +165,7 @@ inline bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, T
   if (lane.stream_id != stream_id || lane.key || lane.pose) return false;
   // A receiver that has nothing may begin with this frame if it is a join.
   if (!decodable(frame, lane.newest) || window_closed(lane, now_us)) return false;
+  if (frame.envelope.kind == FrameKind::kStep && is_overtaken(lane, frame)) return false;
   note_sent(lane, frame, now_us);
   return true;
 }

@@ -6,20 +6,18 @@
 namespace eigencast::broker {
 namespace {
 
-using Form = Profile::Form;
 using Rate = Profile::Rate;
 
 bool may_replace(const Profile& asked, const Profile& other) {
   if (other.bands > asked.bands) return false;
   if (other.rate == Rate::kRaw) return true;
-  return other.rate == asked.rate && other.k <= asked.k && (other.form == asked.form || other.form == Form::kCompact) &&
+  return other.rate == asked.rate && other.k <= asked.k &&
          (other.scheme == asked.scheme || other.scheme == default_scheme(asked.rate));
 }
 
 /// REQUIRES: may_replace().
 auto nearness(const Profile& asked, const Profile& other) {
-  return std::tuple(other.bands, other.rate == asked.rate, other.form == asked.form, other.scheme == asked.scheme,
-                    other.k);
+  return std::tuple(other.bands, other.rate == asked.rate, other.scheme == asked.scheme, other.k);
 }
 
 }  // namespace
@@ -29,8 +27,7 @@ bool is_common(const Profile& profile) {
 }
 
 std::size_t cost_of(const Profile& profile) {
-  if (profile.form == Form::kCompact) return 1;
-  return profile.rate == Rate::kEstimated ? profile.k + 1u : profile.k;
+  return profile.scheme == Profile::Scheme::kCatmullRom ? profile.k : 1;
 }
 
 Profile nearest_profile(const Profile& asked, std::span<const Profile> served, bool common) {

@@ -16,8 +16,8 @@ bool is_common(const Profile& profile);
 std::size_t cost_of(const Profile& profile);
 
 /// The profile to serve in place of `asked`: the nearest of those `served` already, of the common ones if `common`, and
-/// raw. It never has more bands or poses than `asked`, nor a form or scheme that its receiver need not know. Lost are,
-/// as late as possible, bands, then the rate (raw), the form (compact), the scheme (the default), and poses per key.
+/// raw. It never has more bands or poses than `asked`, nor a scheme that its receiver need not know. Lost are, as late
+/// as possible, bands, then the rate (raw), the scheme (the default), and poses per key.
 Profile nearest_profile(const Profile& asked, std::span<const Profile> served, bool common = true);
 
 }  // namespace eigencast::broker

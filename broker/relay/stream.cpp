@@ -16,7 +16,6 @@ namespace {
 Profile canonical(Profile profile) {
   if (profile.rate == Profile::Rate::kRaw) {
     profile.k = Profile{}.k;
-    profile.form = Profile{}.form;
     profile.scheme = Profile{}.scheme;
   }
   return profile;
@@ -300,10 +299,6 @@ void Stream::pump(TimeUs now_us) {
 void Stream::deliver() {
   if (!std::exchange(has_pending_, false)) return;
   for (auto& [profile, group] : groups_) deliver(*group);
-}
-
-void Stream::prepare() {
-  for (auto& [profile, group] : groups_) group->feed.prepare();
 }
 
 std::optional<TimeUs> Stream::next_due_us() const {

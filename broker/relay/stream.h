@@ -176,7 +176,6 @@ class Stream {
   /// The same for a frame of any tag.
   Result<void> take_frame(const WireFrame& frame, TimeUs now_us);
   void deliver();
-  void prepare();
 
   // For mirrors of a stream of another loop.
 

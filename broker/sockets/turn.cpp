@@ -20,12 +20,10 @@ bool Gathering::waits(std::uint64_t poses, TimeUs now_us) {
   return waits_;
 }
 
-Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
-           std::function<void()> prepare)
+Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver)
     : loop_(loop),
       log_(std::move(log)),
       deliver_(std::move(deliver)),
-      prepare_(std::move(prepare)),
       wants_uring_(settings.uring),
       gathering_(settings.gathering),
       timer_(loop.get_executor()) {}
@@ -79,7 +77,6 @@ void Turn::end_turn() {
     throw;
   }
   now_us_ = 0;
-  prepare_();
 }
 
 void Turn::arm_tick() {

@@ -91,9 +91,8 @@ class Turn {
     bool uring = true;  ///< Where the kernel has it.
   };
 
-  /// Calls `deliver` at the end of each turn, before the writes, and `prepare` after them.
-  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
-       std::function<void()> prepare);
+  /// Calls `deliver` at the end of each turn, before the writes.
+  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver);
   Turn(const Turn&) = delete;
 
   /// Opens io_uring; on the loop's thread, before the loop runs.
@@ -138,7 +137,7 @@ class Turn {
 
   asio::io_context& loop_;
   LogSink log_;
-  std::function<void()> deliver_, prepare_;
+  std::function<void()> deliver_;
   const bool wants_uring_;
   Gathering gathering_;
   std::shared_ptr<Uring> ring_;

@@ -39,17 +39,11 @@ void append_exact(std::span<const std::int32_t> values, std::span<const std::int
 bool append_coarse(std::span<const std::int32_t> values, const References& from, const Spacing& spacing, Bytes& out,
                    std::span<std::int32_t> decoded);
 
-struct QuickWorkspace {
-  std::vector<std::uint32_t> speeds;
-  std::vector<std::int32_t> residuals;
-};
-
-/// Appends a coarse run in a quarter of the time, for values that no later key is predicted from: chooses each level
-/// alone and does not return the decoded values. Single errors stay below 3 m.
-///   c1, c2  as many as values: of the newer and the older key
-/// Returns false, and appends nothing, if a value is beyond +-2^24: use append_coarse.
-bool append_quick(std::span<const std::int32_t> values, std::span<const std::int32_t> c1,
-                  std::span<const std::int32_t> c2, const Spacing& spacing, QuickWorkspace& workspace, Bytes& out);
+/// Appends a coarse run whose decoded values are within `half` of their targets, for values that no later key is
+/// predicted from. Receivers have `from`, as many values, as both of their keys.
+/// Returns false, and appends nothing, if a decoded value might leave the range.
+bool append_nearest(std::span<const std::int32_t> values, std::span<const std::int32_t> from, const Spacing& spacing,
+                    Bytes& out);
 
 /// Reads the run at the front of `in` (a coarse run takes all of `in`) and returns its bytes. Safe on hostile input.
 /// Errors: kCorrupt (a missing reference, missing or extra bytes, a value out of range).

@@ -61,12 +61,6 @@ band::References references(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
-struct PoseWorkspace {
-  Bytes run;
-  band::QuickWorkspace quick;
-  RescaledValues rescaled;
-};
-
 Result<void> append_floats(const CoefficientLayout& layout, std::size_t band, const Key& key, Bytes& out) {
   const auto [first, last] = layout.range(band);
   ByteWriter writer(out);
@@ -106,20 +100,14 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
   return {};
 }
 
-/// Appends the run of a band of a pose at the state's own step; false: use append_run.
-bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const ChainState& state, const Key& pose,
-                      std::uint8_t half_spacing, band::QuickWorkspace& workspace, Bytes& out) {
-  if (half_spacing == 0 || layout.is_float() || pose.step != state.newer.step) return false;
-  if (!state.newer.bands.has(band) || !fits(layout, state.newer)) return false;
-  const Key& older = state.older;
-  const bool moves = older.bands.has(band) && fits(layout, older) && older.step == pose.step;
-  if (!moves && older.bands.has(band)) return false;
+/// Whether a band is further than `distance` steps from what it is predicted from.
+bool differs(const CoefficientLayout& layout, std::size_t band, const Key& base, const Key& pose, unsigned distance) {
   const auto [first, last] = layout.range(band);
-  const auto of_band = [&, first = first, count = last - first](const Key& key) {
-    return std::span(key.q).subspan(first, count);
-  };
-  return band::append_quick(of_band(pose), of_band(state.newer), of_band(moves ? older : state.newer),
-                            {half_spacing, layout.channels}, workspace, out);
+  for (std::size_t i = first; i < last; ++i) {
+    if (layout.is_float() ? pose.f[i] != base.f[i] : std::abs(std::int64_t{pose.q[i]} - base.q[i]) > distance)
+      return true;
+  }
+  return false;
 }
 
 /// Reads the run at the front of `in` into `key` and returns the bytes it took.
@@ -149,8 +137,8 @@ Result<void> read_last_run(const CoefficientLayout& layout, std::size_t band, co
 constexpr unsigned kSameStep = 3;  ///< Codec number of quantised payloads at the step of the newer key.
 
 struct Head {
-  std::uint8_t half_spacing = 0;     ///< Keys and synthetic poses only.
-  std::optional<std::uint8_t> step;  ///< Absent (keys and synthetic poses): that of the state's newer key.
+  std::uint8_t half_spacing = 0;     ///< Keys and residuals only.
+  std::optional<std::uint8_t> step;  ///< Absent (keys and residuals): that of the state's newer key.
   std::uint8_t older_step = 0;       ///< Joins only.
   BandMask older_bands;              ///< Joins only.
 };
@@ -170,10 +158,10 @@ Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::u
   return {};
 }
 
-void append_key_head(const CoefficientLayout& layout, const ChainState& state, const Key& key,
-                     std::uint8_t half_spacing, ByteWriter& writer) {
+void append_key_head(const CoefficientLayout& layout, const Key& newer, const Key& key, std::uint8_t half_spacing,
+                     ByteWriter& writer) {
   const std::uint8_t m = layout.is_float() ? std::uint8_t{0} : half_spacing;
-  const bool same_step = !layout.is_float() && key.step == state.newer.step;
+  const bool same_step = !layout.is_float() && key.step == newer.step;
   append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0}, writer);
 }
 
@@ -244,7 +232,7 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   if (const auto checked = check_coded(layout, key, half_spacing); !checked) return checked.error();
   CodedKey out{{}, key};
   ByteWriter writer(out.payload);
-  append_key_head(layout, state, key, half_spacing, writer);
+  append_key_head(layout, state.newer, key, half_spacing, writer);
   Bytes memory;
   RescaledValues rescaled;
   const auto appended = append_sections(layout, key.bands, memory, writer, [&](std::size_t band, Bytes& run) {
@@ -255,21 +243,49 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
-Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
-                          std::uint8_t half_spacing) {
+Result<CodedResidual> encode_residual(const CoefficientLayout& layout, const Key& base, Key pose,
+                                      std::uint8_t half_spacing) {
   if (const auto checked = check_coded(layout, pose, half_spacing); !checked) return checked.error();
-  Bytes payload;
-  payload.reserve(layout.size());  // a coarse value takes less than a byte unless the surface jumps
-  ByteWriter writer(payload);
-  append_key_head(layout, state, pose, half_spacing, writer);
-  thread_local PoseWorkspace memory;
-  const auto appended = append_sections(layout, pose.bands, memory.run, writer, [&](std::size_t band, Bytes& run) {
-    if (append_quick_run(layout, band, state, pose, half_spacing, memory.quick, run)) return Result<void>();
-    const auto from = references(layout, state, band, pose.step, memory.rescaled);
-    return append_run(layout, band, from, half_spacing, pose, run);
+  if (!fits(layout, base) || base.step != pose.step) return codec_misuse("the pose does not fit what it is made of");
+  CodedResidual out;
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if ((base.bands & pose.bands).has(band) && differs(layout, band, base, pose, half_spacing))
+      out.bands |= static_cast<std::uint8_t>(1u << band);
+  }
+  if (out.bands.empty()) return out;
+  ByteWriter writer(out.payload);
+  append_key_head(layout, base, pose, half_spacing, writer);
+  Bytes memory;
+  const auto appended = append_sections(layout, out.bands, memory, writer, [&](std::size_t band, Bytes& run) {
+    if (layout.is_float()) return append_floats(layout, band, pose, run);
+    const auto [first, last] = layout.range(band);
+    const auto values = std::span(pose.q).subspan(first, last - first);
+    const auto from = std::span(base.q).subspan(first, last - first);
+    if (half_spacing > 0 && band::append_nearest(values, from, {half_spacing, layout.channels}, run))
+      return Result<void>();
+    if (half_spacing > 0) run.push_back(band::kExactFollows);
+    return append_run(layout, band, {from, {}}, 0, pose, run);
   });
   if (!appended) return appended.error();
-  return payload;
+  return out;
+}
+
+Result<Key> decode_residual(const CoefficientLayout& layout, BandMask bands, Key base, ByteView payload) {
+  if (!base.bands.includes(bands)) return corrupt_payload("a residual of a band that the pose lacks");
+  ChainState state{{}, std::move(base), 0};
+  const auto residual = decode_key(layout, bands, state, payload);
+  if (!residual) return residual.error();
+  Key& pose = state.newer;
+  if (residual->step != pose.step) return corrupt_payload("a residual of another step than the pose");
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if (!bands.has(band)) continue;
+    const auto [first, last] = layout.range(band);
+    for (std::size_t i = first; i < last; ++i) {
+      if (layout.is_float()) pose.f[i] = residual->f[i];
+      if (!layout.is_float()) pose.q[i] = residual->q[i];
+    }
+  }
+  return std::move(pose);
 }
 
 std::uint8_t half_spacing_of(ByteView payload) {

@@ -25,7 +25,7 @@ struct CodedKey {
   Key key;  ///< As decoded: the next state is made of it on both sides.
 };
 
-/// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is
+/// Payload of a kKey frame: `key`, predicted from `state`, which is not changed. Each band is
 /// self-contained.
 ///   half_spacing  m, 0..63: bands of the state's newer key are coded to within about 0.56 m steps rms; 0: exactly.
 ///                 Other bands and float codecs are always exact.
@@ -33,10 +33,20 @@ struct CodedKey {
 Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                             std::uint8_t half_spacing);
 
-/// Payload of a kSynthetic or kEstimate frame: as encode_key, in a quarter of the time and a few more bytes, without
-/// the decoded key. Errors: as encode_key.
-Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
-                          std::uint8_t half_spacing);
+struct CodedResidual {
+  BandMask bands;  ///< None: a step says the pose without payload.
+  Bytes payload;
+};
+
+/// Payload of a kStep frame: what makes of `base`, the pose that receivers interpolate themselves, `pose`. Leaves out
+/// the bands that are within half a spacing of it already, and those that one of the two lacks.
+///   half_spacing  m, 0..63: decoded values are within m steps of the pose; 0, and float codecs: exact.
+/// Errors: kInvalidArgument (base and pose do not fit the layout, or differ in step; m), kTooLarge as encode_key.
+Result<CodedResidual> encode_residual(const CoefficientLayout& layout, const Key& base, Key pose,
+                                      std::uint8_t half_spacing);
+/// The pose. `bands` is the envelope's. Safe on hostile input. Errors: as decode_key; kCorrupt (a band that `base`
+/// lacks, another step). REQUIRES: `base` fits the layout.
+Result<Key> decode_residual(const CoefficientLayout& layout, BandMask bands, Key base, ByteView payload);
 
 /// The m of a payload that decode_key has taken.
 std::uint8_t half_spacing_of(ByteView payload);
@@ -51,8 +61,8 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
 /// age_us is 0: the envelope has it. Errors: as decode_key.
 Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload);
 
-/// The payload with only the bands of `keep`, without decoding a value. `join`: of a kJoin frame, else of kKey or
-/// kSynthetic. Errors: kCorrupt, kInvalidArgument (no band would remain).
+/// The payload with only the bands of `keep`, without decoding a value. `join`: of a kJoin frame, else of a kKey.
+/// Errors: kCorrupt, kInvalidArgument (no band would remain).
 Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask bands, BandMask keep, ByteView payload);
 
 }  // namespace eigencast

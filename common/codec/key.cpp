@@ -201,7 +201,7 @@ Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, cons
   Key out = empty_key(layout, bands, b.step);
   if (layout.is_float()) {
     return with_values(layout, bands, std::move(out), [&](Key& made, std::size_t i) {
-      return set(layout, made, i, a.f[i] + (b.f[i] - a.f[i]) * at / of);
+      return set(layout, made, i, at == of ? b.f[i] : a.f[i] + (b.f[i] - a.f[i]) * at / of);
     });
   }
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
@@ -216,7 +216,7 @@ Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels
                          const Key& b, TimeUs span_us, std::uint32_t at, std::uint32_t of) {
   assert(2 * velocities.count <= layout.channels && velocities.unit_us > 0);
   auto linear = interpolate_keys(layout, a, b, at, of);
-  if (!linear || velocities.count == 0 || span_us <= 0 || span_us > kLongestHermiteUs) return linear;
+  if (!linear || at == of || velocities.count == 0 || span_us <= 0 || span_us > kLongestHermiteUs) return linear;
   assert(of <= 15);
   const BandMask bands = linear->bands;
   const CubicShares share(at, of);

@@ -85,7 +85,7 @@ std::vector<double> coefficients_from_key(const CoefficientLayout& layout, const
 
 /// The pose `at`/`of` of the way from key a to key b (Eq. 7 of Zhang et al. 2013, "Streaming 3D deforming surfaces with
 /// dynamic resolution control"). Integers: a is rescaled to b's step, then q = qa + round_half_away((qb - qa) * at /
-/// of), bit-exact everywhere. Doubles: fa + (fb - fa) * at / of. REQUIRES: both keys are of `layout`.
+/// of), bit-exact everywhere. Doubles: fa + (fb - fa) * at / of; fb itself at the end. REQUIRES: keys of `layout`.
 /// Errors: kInvalidArgument (unless at <= of and 1 <= of <= 65535).
 Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, const Key& b, std::uint32_t at,
                              std::uint32_t of);

@@ -63,6 +63,7 @@ TimeUs Playout::delay_us() const {
 
 void Playout::reset() {
   poses_.clear();
+  next_ahead_ = false;
   clock_.reset();
   correction_.reset();
   latest_us_.reset();
@@ -77,6 +78,7 @@ bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
   if (!poses_.empty() && pose.time_us <= (sure ? newest_sure_us_ : poses_.back().time_us)) return false;
   if (!poses_.empty() && pose.coefficients.size() != poses_.back().coefficients.size()) {
     poses_.clear();
+    next_ahead_ = false;
     correction_.reset();
     shown_at_us_.reset();
   }
@@ -85,15 +87,26 @@ bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
     clock_.add(pose.time_us, arrival_us);
   }
   if (sure || poses_.empty()) newest_sure_us_ = pose.time_us;
-  poses_.push_back(std::move(pose));
+  const bool before_next = next_ahead_ && pose.time_us < poses_.back().time_us;
+  if (next_ahead_ && pose.time_us == poses_.back().time_us) poses_.pop_back();
+  poses_.insert(poses_.end() - (before_next ? 1 : 0), std::move(pose));
+  next_ahead_ = before_next;
   if (poses_.size() > kMaxPoses) poses_.pop_front();
   newest_arrival_us_ = arrival_us;
   poses_changed_ = true;
   return true;
 }
 
+void Playout::add_next(PlayoutPose key) {
+  key.time_us = bounded_time(key.time_us);
+  if (poses_.empty() || key.time_us <= poses_.back().time_us) return;
+  if (key.coefficients.size() != poses_.back().coefficients.size() || poses_.back().shown == Shown::kEstimated) return;
+  poses_.push_back(std::move(key));
+  next_ahead_ = poses_changed_ = true;
+}
+
 TimeUs Playout::media_time(TimeUs now_us) {
-  const TimeUs newest_us = poses_.back().time_us;
+  const TimeUs newest_us = newest().time_us;
   if (settings_.mode == PlayoutMode::kLatest) {
     // Never back to a key whose estimates have been shown already.
     latest_us_ = std::max(latest_us_.value_or(newest_us), newest_us);
@@ -145,6 +158,7 @@ void Playout::correct(const PlayoutPose& right, TimeUs now_us) {
 }
 
 PlayoutPose Playout::planned(TimeUs media_us) const {
+  if (settings_.mode == PlayoutMode::kLatest && media_us == newest().time_us) return newest();
   if (media_us >= poses_.back().time_us) return beyond_newest(media_us);
   const auto is_before = [](TimeUs t, const PlayoutPose& pose) { return t < pose.time_us; };
   const auto after = std::upper_bound(poses_.begin(), poses_.end(), media_us, is_before);
@@ -174,7 +188,6 @@ PlayoutPose Playout::between(std::size_t to_index, TimeUs media_us) const {
 
 PlayoutPose Playout::beyond_newest(TimeUs media_us) const {
   const PlayoutPose& newest = poses_.back();
-  if (media_us == newest.time_us && settings_.mode == PlayoutMode::kLatest) return newest;
   const bool directed = poses_.size() > 1 && near(poses_[poses_.size() - 2], newest);
   if (settings_.mode == PlayoutMode::kInterpolate || !directed) return as_it_came(newest, Shown::kHeld);
   const PlayoutPose& older = poses_[poses_.size() - 2];

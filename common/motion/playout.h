@@ -68,6 +68,7 @@ struct PlayoutPose {
 ///
 ///   between poses   catmull_rom_weights(); linear where a neighbour is missing, lacks bands, or lies across a pause.
 ///                   Only bands of both poses are mixed.
+///   ahead           a key whose poses are still to come is moved towards like any other; poses come before it
 ///   beyond          newest + damped_steps(.., kDamping) (newest - the one before), in the bands of both
 ///   corrections     where a new pose shows that the shown one was wrong (estimated, or held), the error fades (see
 ///                   Correction). A pose that is not an estimate replaces the broker's estimates.
@@ -92,6 +93,8 @@ class Playout {
   /// Takes a pose that arrived at `arrival_us`. Drops it where it is not after the newest (returns false). A pose of
   /// another size replaces all before.
   bool add(PlayoutPose pose, TimeUs arrival_us);
+  /// Takes a key that came before the poses that lead up to it. Drops it where it is not after the newest.
+  void add_next(PlayoutPose key);
   /// The pose to show at `now_us`, which does not go back; nothing before the first one came.
   std::optional<PlayoutPose> at(TimeUs now_us);
   TimeUs delay_us() const;
@@ -103,6 +106,7 @@ class Playout {
     const PlayoutPose* pose;
     double weight;
   };
+  const PlayoutPose& newest() const { return poses_[poses_.size() - (next_ahead_ ? 2 : 1)]; }
   void drop_estimates() {
     while (!poses_.empty() && poses_.back().shown == Shown::kEstimated) poses_.pop_back();
   }
@@ -118,6 +122,7 @@ class Playout {
   PlayoutClock clock_;
   Correction correction_;
   std::deque<PlayoutPose> poses_;
+  bool next_ahead_ = false;  ///< The last of several poses is a key whose poses are still to come.
   TimeUs newest_arrival_us_ = 0;
   TimeUs newest_sure_us_ = 0;          ///< Media time of the newest pose that is not an estimate.
   std::optional<TimeUs> latest_us_;    ///< kLatest: the newest media time shown.

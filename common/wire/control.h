@@ -18,13 +18,11 @@ namespace eigencast {
 /// What a subscriber wants of a stream: its profile.
 struct Profile {
   enum class Rate : std::uint8_t { kRaw, kInterpolated, kEstimated };
-  enum class Form : std::uint8_t { kFull, kCompact };
   /// How poses are made: linear, Catmull-Rom or Hermite where interpolated; linear (Eq. 9) or damped where estimated.
   enum class Scheme : std::uint8_t { kLinear, kCatmullRom, kHermite, kDamped };
   Rate rate = Rate::kInterpolated;
-  std::uint8_t k = 3;       ///< Poses per key interval unless raw: 2..15 (default: 3).
-  Form form = Form::kFull;  ///< Full: the broker interpolates (default); compact: the receiver does.
-  std::uint8_t bands = 8;   ///< How many bands from the lowest; more than the stream has means all (default: all).
+  std::uint8_t k = 3;      ///< Poses per key interval unless raw: 2..15 (default: 3).
+  std::uint8_t bands = 8;  ///< How many bands from the lowest; more than the stream has means all (default: all).
   Scheme scheme = Scheme::kLinear;  ///< The default of a query or message is damped where estimated.
   auto operator<=>(const Profile&) const = default;
 };
@@ -211,12 +209,11 @@ Result<ControlMessage> control_from_text(std::string_view text);
 
 /// Segments of [A-Za-z0-9._-] joined by '/', at most 128 bytes, no segment "." or "..".
 Result<void> check_stream_name(std::string_view name);
-/// Whether rate, form and scheme go together. Errors: kInvalidArgument saying what is missing and what to ask for.
+/// Whether rate and scheme go together. Errors: kInvalidArgument saying what to ask for.
 Result<void> check_profile(const Profile& profile);
 
 /// The words of queries and messages.
 inline constexpr EnumNames<Profile::Rate, 3> kRateNames{{"raw", "interpolated", "estimated"}};
-inline constexpr EnumNames<Profile::Form, 2> kFormNames{{"full", "compact"}};
 inline constexpr EnumNames<Profile::Scheme, 4> kSchemeNames{{"linear", "catmull-rom", "hermite", "damped"}};
 /// What a query or message without a scheme means.
 Profile::Scheme default_scheme(Profile::Rate rate);
@@ -224,7 +221,7 @@ Profile::Scheme default_scheme(Profile::Rate rate);
 /// Against limits.h. Errors: kInvalidArgument naming the field and what it may be.
 Result<void> check_format(const StreamFormat& format);
 
-/// The profile that the query of a subscribe URL asks for: "rate=raw", "rate=interpolated&k=3&form=compact&bands=2";
+/// The profile that the query of a subscribe URL asks for: "rate=raw", "rate=interpolated&k=3&bands=2";
 /// "rate=3" is short for interpolated with k = 3. Errors: kInvalidArgument naming the parameter and the values allowed.
 Result<Profile> profile_from_query(std::string_view query);
 std::string query_from_profile(const Profile& profile);

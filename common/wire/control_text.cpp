@@ -302,7 +302,6 @@ struct Describe {
       const bool made = profile.rate != Profile::Rate::kRaw;
       if (fields.reads()) profile.scheme = default_scheme(profile.rate);
       if (fields.wants("k", made)) fields.integer("k", profile.k, 2, limits::kMaxInterpolation);
-      if (fields.wants("form", made)) fields.word("form", profile.form, kFormNames);
       if (fields.wants("scheme", made && profile.scheme != default_scheme(profile.rate)))
         fields.word("scheme", profile.scheme, kSchemeNames);
       if (fields.wants("bands")) fields.integer("bands", profile.bands, 1, limits::kMaxBands);

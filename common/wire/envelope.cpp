@@ -10,7 +10,7 @@ namespace eigencast {
 namespace {
 
 constexpr unsigned kKindBits = 3;
-constexpr std::uint8_t kResidual = 2;  ///< Flag of an estimate: bands and a payload follow.
+constexpr std::uint8_t kResidual = 2;  ///< Flag of a step: bands and a payload follow.
 
 Error corrupt_frame(std::string what) {
   return fail(ErrorCode::kCorrupt, "frame: " + std::move(what));
@@ -24,16 +24,7 @@ bool is_join(FrameKind kind) {
   return kind == FrameKind::kJoin;
 }
 
-/// Whether it comes before the key that it is or leads up to.
-bool precedes_key(FrameKind kind) {
-  return kind == FrameKind::kKey || kind == FrameKind::kSynthetic;
-}
-
-bool has_bands(FrameKind kind, bool residual) {
-  return residual || is_join(kind) || precedes_key(kind);
-}
-
-/// The capture time of a frame of an even stream; for keys and synthetic poses `newest` is that before the key.
+/// The capture time of a frame of an even stream, where `newest` is that before it.
 TimeUs expected_us(FrameKind kind, InterpolationStep step, const ChainClock& newest) {
   if (kind == FrameKind::kStep) return newest.capture_us - newest.age_us + part_of(newest.age_us, step);
   return newest.capture_us + (kind == FrameKind::kKey ? newest.age_us : part_of(newest.age_us, step));
@@ -41,9 +32,9 @@ TimeUs expected_us(FrameKind kind, InterpolationStep step, const ChainClock& new
 
 Result<void> check(const Envelope& head, bool has_bands, bool has_payload) {
   const auto [at, of] = head.step;
-  const bool beyond = head.kind == FrameKind::kEstimate;
-  const bool step_ok = head.is_key() ? at == 0 && of == 0 : at >= 1 && of >= 1 && (at <= of || beyond);
-  if (!step_ok)
+  const bool none = at == 0 && of == 0, beyond = head.kind == FrameKind::kEstimate;
+  const bool between = at >= 1 && of >= 1 && (at <= of || beyond);
+  if (!(head.is_key() ? none || (head.is_ahead() && between && at < of) : between))
     return corrupt_frame("interpolation step " + std::to_string(at) + "/" + std::to_string(of) +
                          " does not suit its kind");
   if (head.bands.empty() == has_bands || has_payload != has_bands)
@@ -53,29 +44,24 @@ Result<void> check(const Envelope& head, bool has_bands, bool has_payload) {
 
 }  // namespace
 
-ChainClock ChainClock::after(const Envelope& key, const ChainClock* before) {
-  assert(key.is_key() && (before != nullptr || is_join(key.kind)));
-  return {key.sequence, key.capture_us, is_join(key.kind) ? key.age_us : key.capture_us - before->capture_us};
-}
-
 void append_envelope(const Envelope& envelope, const ChainClock* newest, Bytes& out) {
   const FrameKind kind = envelope.kind;
-  const bool residual = kind == FrameKind::kEstimate && !envelope.bands.empty();
-  assert(check(envelope, has_bands(kind, residual), has_bands(kind, residual)));
-  assert(newest != nullptr || !precedes_key(kind));
+  const bool has_bands = !envelope.bands.empty();
+  assert(check(envelope, has_bands, has_bands) && (has_bands || !envelope.is_key()));
+  assert(newest != nullptr || kind != FrameKind::kKey);
   ByteWriter writer(out);
-  const unsigned flags = residual ? kResidual : envelope.flags;
+  const unsigned flags = kind == FrameKind::kStep && has_bands ? kResidual : envelope.flags;
   writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(kind) | flags << kKindBits));
   writer.varint(envelope.stream_id);
   writer.u8(envelope.tag);
   if (!is_join(kind)) writer.u8(static_cast<std::uint8_t>(envelope.sequence));
-  if (!envelope.is_key()) writer.u8(envelope.step.byte());
-  if (!envelope.bands.empty()) writer.u8(envelope.bands.bits);
+  if (!envelope.is_key() || envelope.is_ahead()) writer.u8(envelope.step.byte());
+  if (has_bands) writer.u8(envelope.bands.bits);
   if (is_join(kind)) {
     writer.varint(envelope.sequence);
     writer.varint(static_cast<std::uint64_t>(envelope.capture_us));
     writer.varint(static_cast<std::uint64_t>(envelope.age_us));
-  } else if (precedes_key(kind)) {
+  } else if (kind == FrameKind::kKey) {
     writer.varint(zigzag(envelope.capture_us - expected_us(kind, envelope.step, *newest)));
   }
 }
@@ -89,11 +75,10 @@ Result<WireFrame> parse_frame(ByteView message) {
   Envelope& head = frame.envelope;
   const std::uint8_t first = reader.u8();
   const unsigned kind = first & ((1u << kKindBits) - 1), flags = first >> kKindBits;
-  if (kind < 1 || kind > 5) return corrupt_frame("unknown kind " + std::to_string(kind));
+  if (kind < 1 || kind > 4) return corrupt_frame("unknown kind " + std::to_string(kind));
   head.kind = static_cast<FrameKind>(kind);
-  const bool estimate = head.kind == FrameKind::kEstimate;
-  if ((flags & ~(head.is_key() ? Envelope::kAhead : estimate ? kResidual : 0U)) != 0)
-    return corrupt_frame("reserved flags are set: " + std::to_string(flags));
+  const unsigned known = head.is_key() ? Envelope::kAhead : head.kind == FrameKind::kStep ? kResidual : 0U;
+  if ((flags & ~known) != 0) return corrupt_frame("reserved flags are set: " + std::to_string(flags));
   if (head.is_key()) head.flags = static_cast<std::uint8_t>(flags);
 
   const std::uint64_t stream_id = reader.varint();
@@ -101,11 +86,11 @@ Result<WireFrame> parse_frame(ByteView message) {
   head.stream_id = static_cast<std::uint32_t>(stream_id);
   head.tag = reader.u8();
   if (!is_join(head.kind)) frame.check = reader.u8();
-  if (!head.is_key()) {
+  if (!head.is_key() || head.is_ahead()) {
     const std::uint8_t step = reader.u8();
     head.step = {static_cast<std::uint8_t>(step >> 4), static_cast<std::uint8_t>(step & 15)};
   }
-  const bool with_bands = has_bands(head.kind, estimate && flags == kResidual);
+  const bool with_bands = head.is_key() || flags == kResidual;
   if (with_bands) head.bands = reader.u8();
   if (is_join(head.kind)) {
     head.sequence = reader.varint();
@@ -113,7 +98,7 @@ Result<WireFrame> parse_frame(ByteView message) {
     head.age_us = static_cast<TimeUs>(reader.varint());
     if (!in_range(head.capture_us) || head.age_us < 0 || head.age_us > head.capture_us)
       return corrupt_frame("capture time or age is out of range");
-  } else if (precedes_key(head.kind)) {
+  } else if (head.kind == FrameKind::kKey) {
     frame.delay_us = unzigzag(reader.varint());
     if (frame.delay_us < -limits::kMaxTimeUs || frame.delay_us > limits::kMaxTimeUs)
       return corrupt_frame("capture time is out of range");
@@ -129,7 +114,7 @@ std::optional<FrameView> resolved(const WireFrame& frame, const ChainClock* newe
   Envelope& head = whole.envelope;
   head.epoch = epoch;
   if (is_join(head.kind)) return whole;
-  const bool next = precedes_key(head.kind);
+  const bool next = head.kind == FrameKind::kKey;
   if (newest == nullptr || (next && newest->sequence == std::numeric_limits<std::uint64_t>::max())) return std::nullopt;
   head.sequence = newest->sequence + (next ? 1 : 0);
   const auto [at, of] = head.step;
@@ -138,8 +123,9 @@ std::optional<FrameView> resolved(const WireFrame& frame, const ChainClock* newe
   head.capture_us = static_cast<TimeUs>(static_cast<std::uint64_t>(expected_us(head.kind, head.step, *newest)) +
                                         static_cast<std::uint64_t>(frame.delay_us));
   if (frame.check != static_cast<std::uint8_t>(head.sequence) || !in_range(head.capture_us) ||
-      (head.kind == FrameKind::kKey && head.capture_us <= newest->capture_us))
+      (next && head.capture_us <= newest->capture_us))
     return std::nullopt;
+  if (next) head.age_us = head.capture_us - newest->capture_us;
   return whole;
 }
 
@@ -154,7 +140,7 @@ std::optional<FrameView> EnvelopeReader::read(const WireFrame& frame) {
   if (frame.envelope.stream_id != stream_id_ || frame.envelope.tag != tag_) return std::nullopt;
   const auto whole = resolved(frame, newest_ ? &*newest_ : nullptr, epoch_);
   if (whole && whole->envelope.is_key()) {
-    newest_ = ChainClock::after(whole->envelope, newest_ ? &*newest_ : nullptr);
+    newest_ = ChainClock::after(whole->envelope);
   } else if (!whole && frame.envelope.kind == FrameKind::kKey) {
     newest_.reset();
   }

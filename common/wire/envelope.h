@@ -15,16 +15,13 @@ namespace eigencast {
 enum class FrameKind : std::uint8_t {
   kKey = 1,   ///< One key, predicted from the two keys before it.
   kJoin = 2,  ///< Both keys of the chain's state; needs nothing before it. Its sequence and time are the newer key's.
-  kSynthetic = 3,  ///< An interpolated pose in full, predicted from the two latest keys; never a reference.
-  kStep = 4,       ///< Compact interpolation: no payload; the pose at `step` between key sequence-1 and key sequence.
-  /// A pose beyond key `sequence`, step.at / step.of key intervals ahead: in full, predicted from the two latest keys,
-  /// or with no bands and no payload, for the receiver to make. Never a reference.
-  kEstimate = 5,
+  kStep = 3,  ///< The pose at `step` between key sequence-1 and key sequence: Interp of them, plus a residual if any.
+  kEstimate = 4,  ///< The pose step.at / step.of key intervals beyond key `sequence`. No payload.
 };
 
 /// The position of a pose between two keys: `at` of `of` equal steps from key sequence-1 to key sequence.
-/// {0, 0} on keys and joins, which are not interpolated; on estimates the way goes on from key sequence, and `at` may
-/// exceed `of`. One byte on the wire: at in the high four bits, of in the low.
+/// {0, 0} on keys and joins that are shown themselves, or that show nothing; on estimates the way goes on from key
+/// sequence, and `at` may exceed `of`. One byte on the wire: at in the high four bits, of in the low.
 struct InterpolationStep {
   std::uint8_t at = 0;  ///< 1..of; 1..15 on estimates
   std::uint8_t of = 0;  ///< 0 (no interpolation) or 1..15
@@ -32,26 +29,29 @@ struct InterpolationStep {
   bool operator==(const InterpolationStep&) const = default;
 };
 
-/// What is known of a frame besides its payload. On the wire it takes 5 to 9 bytes, of joins up to 22: the rest follows
-/// from the receiver's newest key (ChainClock).
+/// What is known of a frame besides its payload. On the wire it takes 5 to 10 bytes, of joins up to 23: the rest
+/// follows from the receiver's newest key (ChainClock).
 struct Envelope {
-  static constexpr std::size_t kMaxBytes = 36;
+  static constexpr std::size_t kMaxBytes = 37;
   static constexpr std::size_t kKeyBytes = 6;  ///< Of a key of an even stream whose id is below 128.
-  /// Flag of a key or join of compact interpolation: not to be shown when it comes, kStep frames lead up to it.
+  /// Flag of a key or join that steps lead up to: the pose at `step` is shown in its place, or nothing.
   static constexpr std::uint8_t kAhead = 1;
 
   FrameKind kind = FrameKind::kKey;
   std::uint8_t flags = 0;       ///< kAhead or 0.
-  BandMask bands;               ///< Those in the payload. None on kStep, maybe none on kEstimate.
-  InterpolationStep step;       ///< Set unless kKey or kJoin.
+  BandMask bands;               ///< Those in the payload. None on kEstimate; on kStep those with a residual.
+  InterpolationStep step;       ///< Set on steps, estimates, and keys and joins that show a pose that leads up to them.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.
   std::uint64_t sequence = 0;   ///< Numbers the key that this frame is, or leads up to. Consecutive keys differ by one.
-  TimeUs capture_us = 0;        ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
+  TimeUs capture_us = 0;        ///< When the key or pose holds, microseconds on the sender's clock.
   std::uint8_t tag = 0;         ///< Stands for the epoch on the wire.
-  TimeUs age_us = 0;            ///< Joins: capture time of the newer key minus that of the older.
+  TimeUs age_us = 0;            ///< Keys and joins: capture time of this key minus that of the key before it.
 
   bool is_key() const { return kind == FrameKind::kKey || kind == FrameKind::kJoin; }
+  bool is_ahead() const { return (flags & kAhead) != 0; }
+  /// Whether a pose is shown when it comes.
+  bool shows() const { return !is_ahead() || step.of != 0; }
   bool operator==(const Envelope&) const = default;
 };
 
@@ -66,8 +66,8 @@ struct ChainClock {
   TimeUs capture_us = 0;
   TimeUs age_us = 0;  ///< Since the key before it; 0: there was none.
 
-  /// The clock once `key`, a key or join that follows, has come.
-  static ChainClock after(const Envelope& key, const ChainClock* before);
+  /// The clock once `key`, a key or join, has come.
+  static ChainClock after(const Envelope& key) { return {key.sequence, key.capture_us, key.age_us}; }
   bool operator==(const ChainClock&) const = default;
 };
 
@@ -76,15 +76,20 @@ constexpr TimeUs part_of(TimeUs span_us, InterpolationStep step) {
   return span_us / step.of * step.at + span_us % step.of * step.at / step.of;
 }
 
-/// Writes an envelope at the end of `out`. `newest`: of the receivers, before the frame; may be null for joins, steps
-/// and estimates. REQUIRES: what resolved() checks.
+/// When the pose holds that a key or join sent ahead shows.
+constexpr TimeUs shown_us(const Envelope& key) {
+  return key.capture_us - key.age_us + part_of(key.age_us, key.step);
+}
+
+/// Writes an envelope at the end of `out`. `newest`: of the receivers, before the frame; may be null but for keys.
+/// REQUIRES: what resolved() checks.
 void append_envelope(const Envelope& envelope, const ChainClock* newest, Bytes& out);
 
 /// A frame as it came: what it says itself.
 struct WireFrame {
   Envelope envelope;       ///< Sequence and times of joins alone; no epoch.
   std::uint8_t check = 0;  ///< Low byte of the sequence; not of joins.
-  TimeUs delay_us = 0;     ///< Keys, synthetic: capture time beyond the expected one.
+  TimeUs delay_us = 0;     ///< Keys: capture time beyond the expected one.
   ByteView payload;        ///< Points into the bytes parsed.
 };
 

@@ -33,7 +33,6 @@ std::optional<std::uint8_t> number_from_text(std::string_view text, unsigned low
 struct QueryParts {
   std::optional<Profile::Rate> rate;
   std::optional<std::uint8_t> k, bands;
-  std::optional<Profile::Form> form;
   std::optional<Profile::Scheme> scheme;
 };
 
@@ -50,9 +49,6 @@ Result<void> read_parameter(std::string_view name, std::string_view value, Query
   } else if (name == "k") {
     parts.k = number_from_text(value, 2, limits::kMaxInterpolation);
     if (!parts.k) return bad_parameter(name, value, "2 to 15");
-  } else if (name == "form") {
-    parts.form = kFormNames.find(value);
-    if (!parts.form) return bad_parameter(name, value, "full, compact");
   } else if (name == "scheme") {
     parts.scheme = kSchemeNames.find(value);
     if (!parts.scheme) return bad_parameter(name, value, "linear, catmull-rom, hermite, damped");
@@ -61,7 +57,7 @@ Result<void> read_parameter(std::string_view name, std::string_view value, Query
     if (!parts.bands) return bad_parameter(name, value, "1 to 8");
   } else {
     return invalid("profile: unknown parameter '" + std::string(name.substr(0, 32)) +
-                   "'; known: rate, k, form, scheme, bands");
+                   "'; known: rate, k, scheme, bands");
   }
   return {};
 }
@@ -85,11 +81,6 @@ Result<void> check_profile(const Profile& profile) {
     return invalid(
         "profile: scheme=damped estimates beyond the keys; with rate=interpolated ask for linear, "
         "catmull-rom or hermite");
-  }
-  if (profile.scheme == Scheme::kCatmullRom && profile.form == Profile::Form::kCompact) {
-    return invalid(
-        "profile: catmull-rom needs four keys and a receiver keeps two, so that it has no compact form; ask "
-        "for form=full, or for scheme=hermite where the stream has velocities");
   }
   return {};
 }
@@ -162,11 +153,10 @@ Result<Profile> profile_from_query(std::string_view query) {
   }
   Profile profile;
   profile.rate = parts.rate.value_or(Profile::Rate::kInterpolated);
-  if (profile.rate == Profile::Rate::kRaw && (parts.k || parts.form || parts.scheme)) {
-    return invalid("profile: k, form and scheme say how poses are made, but rate=raw asks for the keys alone");
+  if (profile.rate == Profile::Rate::kRaw && (parts.k || parts.scheme)) {
+    return invalid("profile: k and scheme say how poses are made, but rate=raw asks for the keys alone");
   }
   profile.k = parts.k.value_or(profile.k);
-  profile.form = parts.form.value_or(profile.form);
   profile.bands = parts.bands.value_or(profile.bands);
   profile.scheme = parts.scheme.value_or(default_scheme(profile.rate));
   if (const auto checked = check_profile(profile); !checked) return checked.error();
@@ -177,7 +167,6 @@ std::string query_from_profile(const Profile& profile) {
   std::string query = "rate=" + std::string(kRateNames[profile.rate]);
   if (profile.rate != Profile::Rate::kRaw) {
     query += "&k=" + std::to_string(profile.k);
-    query += "&form=" + std::string(kFormNames[profile.form]);
     if (profile.scheme != default_scheme(profile.rate)) query += "&scheme=" + std::string(kSchemeNames[profile.scheme]);
   }
   return query + "&bands=" + std::to_string(profile.bands);

@@ -9,7 +9,7 @@ export interface Format {
   /** The last so many channels are velocities of the first, per velocity_us. */
   velocity_channels?: number;
   velocity_us?: number;
-  /** Of the receiver's profile; what steps and estimates without payload are made by. */
+  /** Of the receiver's profile; what steps and estimates are made by. */
   scheme?: 'linear' | 'hermite' | 'damped';
 }
 
@@ -21,7 +21,7 @@ export interface Key {
 }
 
 export interface Frame {
-  kind: 'key' | 'join' | 'synthetic' | 'step' | 'estimate';
+  kind: 'key' | 'join' | 'step' | 'estimate';
   flags: number;
   bands: number;
   at: number;
@@ -33,6 +33,8 @@ export interface Frame {
   captureUs: bigint;
   /** Of all but joins. */
   pose?: Key;
+  /** Of keys and joins that show a pose that leads up to them. */
+  shown?: Key;
   /** Of joins. */
   older?: Key;
   newer?: Key;

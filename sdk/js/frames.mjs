@@ -7,7 +7,7 @@ const AHEAD = 1, RESIDUAL = 2;
 const MAX_FRAME_BYTES = 2 ** 20;
 const MAX_VALUE = 2 ** 30;
 const MAX_TIME = 2n ** 62n - 1n;
-const KINDS = [undefined, 'key', 'join', 'synthetic', 'step', 'estimate'];
+const KINDS = [undefined, 'key', 'join', 'step', 'estimate'];
 const CODECS = ['float64', 'float32', 'quantised'];
 const LONGEST_HERMITE_US = 1_000_000n;
 const FOURTH_ROOTS = [1073741824n, 1276901417n, 1518500250n, 1805811301n];
@@ -298,52 +298,59 @@ export class FrameDecoder {
     require(bytes.length <= MAX_FRAME_BYTES, 'size of the frame');
     const reader = new Reader(bytes);
     const first = reader.u8(), kind = first & 7;
-    require(kind >= 1 && kind <= 5, 'kind');
-    const isKey = kind <= 2, isJoin = kind === 2, precedesKey = kind === 1 || kind === 3, residual = first >> 3 === RESIDUAL;
-    require((first >> 3 & (isKey ? ~AHEAD : kind === 5 ? ~RESIDUAL : ~0)) === 0, 'flags');
+    require(kind >= 1 && kind <= 4, 'kind');
+    const flags = first >> 3, isKey = kind <= 2, isJoin = kind === 2;
+    require((flags & (isKey ? ~AHEAD : kind === 3 ? ~RESIDUAL : ~0)) === 0, 'flags');
     const streamId = reader.varint(), tag = reader.u8(), check = isJoin ? 0 : reader.u8();
     require(streamId < 2n ** 32n, 'stream id');
-    const step = isKey ? 0 : reader.u8(), at = step >> 4, of = step & 15;
-    require(isKey || (at >= 1 && of >= 1 && (at <= of || kind === 5)), 'step');
-    const hasBands = kind <= 3 || residual, bands = hasBands ? reader.u8() : 0;
+    const step = isKey && flags === 0 ? 0 : reader.u8(), at = step >> 4, of = step & 15;
+    require((isKey && step === 0) || (at >= 1 && of >= 1 && (at < of || (at === of && !isKey) || kind === 4)), 'step');
+    const hasBands = isKey || flags === RESIDUAL, bands = hasBands ? reader.u8() : 0;
     require(bands < 2 ** this.#format.band_ends.length, 'unknown bands');
     const joined = isJoin ? [reader.varint(), reader.varint(), reader.varint()] : [];
     require(!isJoin || (joined[1] <= MAX_TIME && joined[2] <= joined[1]), 'capture time or age');
-    const coded = precedesKey ? reader.varint() : 0n, delayUs = coded % 2n === 0n ? coded / 2n : -(coded + 1n) / 2n;
+    const coded = kind === 1 ? reader.varint() : 0n, delayUs = coded % 2n === 0n ? coded / 2n : -(coded + 1n) / 2n;
     require(delayUs <= MAX_TIME && delayUs >= -MAX_TIME, 'capture time');
     const payload = new Reader(reader.rest());
     require(hasBands === (bands !== 0) && hasBands === (payload.bytes.length > 0), 'bands or payload');
 
-    const flags = isKey ? first >> 3 : 0;
     const [sequence, captureUs] = isJoin ? joined : this.#resolved(kind, check, at, of, delayUs);
     if (sequence === null) {
       if (kind === 1) this.restart();
       return null;
     }
-    const frame = { kind: KINDS[kind], flags, bands, at, of, streamId: Number(streamId), tag, sequence, captureUs };
+    const frame = { kind: KINDS[kind], flags: isKey ? flags : 0, bands, at, of, streamId: Number(streamId), tag, sequence, captureUs };
     if (isJoin) {
       frame.ageUs = joined[2];
       this.#readJoin(bands, payload);
       [this.#number, this.#captureUs, this.#ageUs] = joined;
-      return { ...frame, older: this.#older, newer: this.#newer };
-    }
-    if (kind === 4) return { ...frame, pose: this.#interpolate(at, of) };
-    const pose = bands === 0 ? this.#estimate(at, of) : this.#readKey(bands, payload);
-    if (kind === 1) {
-      [this.#older, this.#newer, this.#number] = [this.#newer, pose, sequence];
+      Object.assign(frame, { older: this.#older, newer: this.#newer });
+    } else if (kind === 1) {
+      frame.pose = this.#readKey(bands, payload, this.#newer, this.#older);
+      [this.#older, this.#newer, this.#number] = [this.#newer, frame.pose, sequence];
       this.#ageUs = captureUs - this.#captureUs;
       this.#captureUs = captureUs;
+    } else {
+      frame.pose = kind === 4 ? this.#estimate(at, of) : this.#interpolate(at, of);
+      if (bands !== 0) this.#correct(frame.pose, bands, payload);
     }
-    return { ...frame, pose };
+    return isKey && at > 0 ? { ...frame, shown: this.#interpolate(at, of) } : frame;
+  }
+
+  #correct(pose, bands, payload) {
+    require((bands & ~pose.bands) === 0, 'residual of a band that the pose lacks');
+    const residual = this.#readKey(bands, payload, pose, null);
+    require(residual.step === pose.step, 'step of a residual');
+    this.#eachValue(bands, (i) => { pose.values[i] = residual.values[i]; });
   }
 
   /** Sequence and capture time of a frame that follows the newest key; null twice where it does not. */
   #resolved(kind, check, at, of, delayUs) {
     const none = [null, null];
     if (this.#number === null) return none;
-    const sequence = this.#number + (kind === 1 || kind === 3 ? 1n : 0n);
+    const sequence = this.#number + (kind === 1 ? 1n : 0n);
     const part = kind === 1 ? this.#ageUs : this.#ageUs * BigInt(at) / BigInt(of);
-    const captureUs = this.#captureUs + part + delayUs - (kind === 4 ? this.#ageUs : 0n);
+    const captureUs = this.#captureUs + part + delayUs - (kind === 3 ? this.#ageUs : 0n);
     const follows = Number(sequence & 255n) === check && sequence < 2n ** 64n;
     if (!follows || captureUs < 0n || captureUs > MAX_TIME || (kind === 1 && captureUs <= this.#captureUs)) return none;
     return [sequence, captureUs];
@@ -419,13 +426,13 @@ export class FrameDecoder {
     for (let i = 0; i < run.length; ++i) key.values[first + i] = run[i];
   }
 
-  #readKey(bands, payload) {
-    const [m, step] = this.#readHead(payload, this.#newer);
+  #readKey(bands, payload, newer, older) {
+    const [m, step] = this.#readHead(payload, newer);
     require(m === 0 || this.#quantised, 'spacing of a float codec');
     const key = this.#emptyKey(bands, step);
     this.#eachSection(bands, payload, (band, section) => {
-      const c1 = this.#reference(this.#newer, band, step);
-      this.#readRun(section, m, c1, c1 === null ? null : this.#reference(this.#older, band, step), band, key);
+      const c1 = this.#reference(newer, band, step);
+      this.#readRun(section, m, c1, c1 === null ? null : this.#reference(older, band, step), band, key);
     });
     return key;
   }
@@ -462,7 +469,7 @@ export class FrameDecoder {
     const a = this.#older, b = this.#newer;
     const pose = this.#emptyKey(a.bands & b.bands, b.step);
     this.#eachValue(pose.bands, (i) => {
-      if (!this.#quantised) return this.#set(pose, i, a.values[i] + ((b.values[i] - a.values[i]) * at) / of);
+      if (!this.#quantised) return this.#set(pose, i, at === of ? b.values[i] : a.values[i] + ((b.values[i] - a.values[i]) * at) / of);
       const start = rescale(a.values[i], a.step, b.step);
       require(start !== null, 'interpolation leaves the range');
       const d = b.values[i] - start;
@@ -477,7 +484,7 @@ export class FrameDecoder {
   #bend(pose, at, of) {
     const a = this.#older, b = this.#newer;
     const { channels, velocity_channels: count, velocity_us: unitUs } = this.#format;
-    if (count === 0 || this.#ageUs <= 0n || this.#ageUs > LONGEST_HERMITE_US) return;
+    if (count === 0 || at === of || this.#ageUs <= 0n || this.#ageUs > LONGEST_HERMITE_US) return;
     const to = at * at * (3 * of - 2 * at), slope0 = at * (of - at) ** 2, slope1 = -at * at * (of - at), whole = of ** 3;
     this.#eachValue(pose.bands, (i) => {
       if (i % channels >= count) return;

@@ -276,7 +276,7 @@ class Viewer(Client):
                         continue
                     self.newest = (head.stream_id, head.sequence, head.at << 4 | head.of)
                     record("frame", viewer=viewer, kind=head.kind, id=head.stream_id, epoch=self.epoch if head.tag == self.tag else 0,
-                           sequence=head.sequence, at=head.at, of=head.of, ahead=head.ahead, capture=head.capture_us,
+                           sequence=head.sequence, at=head.at, of=head.of, ahead=head.ahead, capture=head.shown_us,
                            tag=poses.tag_of(head.kind, head.bands, payload[head.size:], self.channels))
                     continue
                 message = json.loads(payload) if opcode == TEXT else {}

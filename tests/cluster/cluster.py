@@ -26,8 +26,8 @@ DISK = 512 << 20
 STREAMS = 4
 KEYS_PER_S = 15
 # docs/protocol.md, "Profile query".
-PROFILES = ["rate=raw", "", "form=compact", "rate=estimated", "scheme=hermite", "rate=estimated&form=compact&bands=1", "k=5&scheme=catmull-rom",
-            "k=2&form=compact&scheme=hermite", "rate=raw&bands=1", "rate=estimated&scheme=linear", "k=4&bands=1", "rate=5"]
+PROFILES = ["rate=raw", "", "scheme=catmull-rom", "rate=estimated", "scheme=hermite", "rate=estimated&bands=1", "k=5&scheme=catmull-rom",
+            "k=2&scheme=hermite", "rate=raw&bands=1", "rate=estimated&scheme=linear", "k=4&bands=1", "rate=5"]
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 

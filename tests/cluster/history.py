@@ -10,7 +10,7 @@ An event is a dict with `what` and `t` (seconds, never falling):
     viewer     viewer, stream, number: there is one, which must move in the end
     connected  viewer, stream, number, broker, run: a viewer reached a broker's run (its session id); `number` is the stream's
     state      viewer, stream, id, epoch, profile: a `stream` message
-    frame      viewer, kind, id, epoch, sequence, at, of, ahead, capture, tag: a binary message; `tag` = (stream, announcement,
+    frame      viewer, kind, id, epoch, sequence, at, of, ahead, capture (of what it shows), tag: a binary message; `tag` = (stream, announcement,
                position) as its pose carries it, None where it carries none
     exit       program, status, asked: a program ended; `asked`: by SIGTERM
     recording  file, stream, number, whole, tags, why: one file after the brokers' last start; `tags` = list of (stream, announcement)
@@ -19,7 +19,7 @@ An event is a dict with `what` and `t` (seconds, never falling):
 import collections
 import dataclasses
 
-KEY, JOIN, SYNTHETIC, STEP, ESTIMATE = 1, 2, 3, 4, 5
+KEY, JOIN, STEP, ESTIMATE = 1, 2, 3, 4
 MOTION = 10  # So many newer poses in a row are motion.
 STALL_S = 0.5  # An outage is a longer wait for a newer pose.
 # A broker without the directory grants senders after 12 s; heartbeats and reconnections are in it.
@@ -186,17 +186,17 @@ class Checker:
         kind, sequence = event["kind"], event["sequence"]
         if kind == JOIN:
             return
-        needed = sequence - 1 if kind in (KEY, SYNTHETIC) else sequence
+        needed = sequence - 1 if kind == KEY else sequence
         if connection.newest != needed:
             code = "stale" if connection.newest is not None and needed < connection.newest else "undecodable"
             self._violate(code, event["t"], f"{where}: its newest key is {connection.newest}")
 
     def _check_order(self, connection, event, where):
         """No pose after a newer one; estimates are guesses, which the key that comes corrects."""
-        if event["ahead"]:
+        if event["ahead"] and not event["at"]:
             return
         kind, capture = event["kind"], event["capture"]
-        of_key = kind in (KEY, JOIN)
+        of_key = kind in (KEY, JOIN) and not event["ahead"]
         estimated = (connection.profile or {}).get("rate") == "estimated"
         least = connection.key_capture if estimated and of_key else connection.shown
         if capture < least or capture == least and kind == KEY:
@@ -221,7 +221,7 @@ class Checker:
                                  f"{where}: the pose is of announcement {announcement}, the epoch of {given[-1]['announcement']}")
         straight = (connection.profile or {}).get("scheme", "linear") == "linear"  # Others overshoot, the more uneven the keys in time.
         between = (-1.001, 0.001) if straight else (-float("inf"), float("inf"))
-        least, most = {KEY: (0, 0), JOIN: (0, 0), SYNTHETIC: between, ESTIMATE: (-1, 16)}[event["kind"]]
+        least, most = (0, 0) if event["kind"] in (KEY, JOIN) else between
         if not least <= position - event["sequence"] <= most:
             self._violate("other-pose", event["t"], f"{where}: the pose says {position}")
 

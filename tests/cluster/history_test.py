@@ -10,10 +10,10 @@ import unittest
 import nemesis
 import poses
 import recordings
-from history import ESTIMATE, JOIN, KEY, MOTION, STEP, SYNTHETIC, checked, distribution
+from history import ESTIMATE, JOIN, KEY, MOTION, STEP, checked, distribution
 
-RAW, INTERPOLATED, COMPACT, ESTIMATED = ({"rate": "raw"}, {"rate": "interpolated", "k": 2}, {"rate": "interpolated", "k": 2, "form": "compact"},
-                                         {"rate": "estimated"})
+RAW, LINEAR, CURVED, ESTIMATED = ({"rate": "raw"}, {"rate": "interpolated", "k": 2}, {"rate": "interpolated", "k": 2, "scheme": "catmull-rom"},
+                                  {"rate": "estimated"})
 INTERVAL = 50_000
 
 
@@ -41,9 +41,9 @@ class History:
         return self.record("state", viewer=self.viewer, stream=stream, id=7, epoch=epoch, profile=self.profile, state="live")
 
     def frame(self, kind, sequence, at=0, of=0, ahead=False, **other):
-        position = sequence - 1 + at / of if kind in (SYNTHETIC, STEP) else sequence + (at / of if of else 0)
+        position = sequence + (at / of if kind == ESTIMATE else 0 if kind != STEP and not at else at / of - 1)
         fields = {"viewer": self.viewer, "kind": kind, "id": 7, "epoch": self.epoch, "sequence": sequence, "at": at, "of": of, "ahead": ahead,
-                  "capture": round(position * INTERVAL), "tag": (1, self.epoch, position)}
+                  "capture": round(position * INTERVAL), "tag": None if kind == ESTIMATE else (1, self.epoch, position if kind == STEP else sequence)}
         return self.record("frame", **{**fields, **other})
 
     def keys(self, first, last):
@@ -83,10 +83,10 @@ class Histories(unittest.TestCase):
 
     def test_motion_of_every_profile_is_good(self):
         self.assert_codes(good())
-        for profile, frames in ((INTERPOLATED, lambda h, s: h.frame(SYNTHETIC, s, 1, 2).frame(KEY, s)),
-                                (COMPACT, lambda h, s: h.frame(KEY, s, ahead=True).frame(STEP, s, 1, 2, tag=None).frame(STEP, s, 2, 2, tag=None)),
+        for profile, frames in ((LINEAR, lambda h, s: h.frame(KEY, s, 1, 2, ahead=True).frame(STEP, s, 2, 2, tag=None)),
+                                (CURVED, lambda h, s: h.frame(KEY, s, ahead=True).frame(STEP, s, 1, 2).frame(STEP, s, 2, 2, tag=None)),
                                 (ESTIMATED, lambda h, s: h.frame(KEY, s).frame(ESTIMATE, s, 1, 2))):
-            history = History().announced(5).connected(profile).frame(JOIN, 0, ahead=profile is COMPACT)
+            history = History().announced(5).connected(profile).frame(JOIN, 0, ahead=profile is CURVED)
             for sequence in range(1, 20):
                 frames(history, sequence)
             self.assert_codes(history)
@@ -105,9 +105,10 @@ class Histories(unittest.TestCase):
         self.assert_codes(good().frame(KEY, 111, capture=5), "stale")
 
     def test_a_pose_after_a_newer_one(self):
-        history = History().announced(5).connected(INTERPOLATED).moves()
-        self.assert_codes(history.frame(SYNTHETIC, 111, 2, 3).frame(SYNTHETIC, 111, 1, 3), "stale")
-        history = History().announced(5).connected(COMPACT).moves()
+        history = History().announced(5).connected(LINEAR).moves()
+        self.assert_codes(copy.deepcopy(history).frame(KEY, 111, 2, 3, ahead=True).frame(STEP, 111, 1, 3, tag=None), "stale")
+        self.assert_codes(history.frame(KEY, 111, 2, 3, ahead=True).frame(KEY, 112, 1, 9, ahead=True, capture=5), "stale")
+        history = History().announced(5).connected(CURVED).moves()
         self.assert_codes(history.frame(KEY, 111, ahead=True).frame(STEP, 111, 2, 2, tag=None).frame(STEP, 111, 1, 2, tag=None), "stale")
 
     def test_a_key_corrects_an_estimate_and_no_estimate_goes_back(self):
@@ -116,12 +117,12 @@ class Histories(unittest.TestCase):
         self.assert_codes(history.frame(KEY, 111).frame(ESTIMATE, 111, 1, 1), "stale")
 
     def test_a_profile_that_is_further_behind_may_go_back(self):
-        self.assert_codes(good().state(5, INTERPOLATED).frame(JOIN, 110, capture=110 * INTERVAL - 9))
+        self.assert_codes(good().state(5, LINEAR).frame(JOIN, 110, capture=110 * INTERVAL - 9))
         self.assert_codes(good().frame(JOIN, 110, capture=110 * INTERVAL - 9), "stale")
-        ahead = History().announced(5).connected(COMPACT).moves().frame(KEY, 111, ahead=True)
-        self.assert_codes(copy.deepcopy(ahead).state(5, INTERPOLATED).frame(JOIN, 110))
+        ahead = History().announced(5).connected(CURVED).moves().frame(KEY, 111, ahead=True)
+        self.assert_codes(copy.deepcopy(ahead).state(5, LINEAR).frame(JOIN, 110))
         shown = ahead.frame(STEP, 111, 1, 1, tag=None)
-        self.assert_codes(shown.state(5, INTERPOLATED).frame(JOIN, 110), "stale")
+        self.assert_codes(shown.state(5, LINEAR).frame(JOIN, 110), "stale")
 
     def test_stale_after_a_reconnection_to_the_same_run(self):
         self.assert_codes(good().connected(RAW).moves(90), "stale")
@@ -151,7 +152,7 @@ class Histories(unittest.TestCase):
         self.assert_codes(good().frame(KEY, 111, tag=(1, 4, 111.0)), "foreign")  # Of an earlier announcement.
         self.assert_codes(good().state(5, stream="t"), "foreign")
         self.assert_codes(good().frame(KEY, 111, tag=(1, 5, 104.0)), "other-pose")
-        history = History().announced(5).connected(INTERPOLATED).moves().frame(SYNTHETIC, 111, 1, 2, tag=(1, 5, 111.5))
+        history = History().announced(5).connected(LINEAR).moves().frame(STEP, 110, 1, 2, capture=111 * INTERVAL, tag=(1, 5, 111.5))
         self.assert_codes(history, "other-pose")
 
     def test_a_viewer_that_never_comes(self):

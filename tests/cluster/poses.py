@@ -6,7 +6,7 @@ import struct
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "bench/broker"))
-from payloads import ESTIMATE, JOIN, KEY, STEP, SYNTHETIC, Chain, varint, varint_at
+from payloads import ESTIMATE, JOIN, KEY, STEP, Chain, varint, varint_at
 
 ROWS, BAND_ENDS = 4, [1, 4]
 

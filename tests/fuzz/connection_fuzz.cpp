@@ -386,7 +386,7 @@ const std::vector<std::string>& requests() {
         "GET /v1/publish/b" + upgrade + end,
         "GET /v1/subscribe/a?rate=raw" + upgrade + end,
         "GET /v1/subscribe/a?rate=interpolated&k=3" + upgrade + end,
-        "GET /v1/subscribe/b?rate=interpolated&k=2&form=compact&bands=1" + upgrade + end,
+        "GET /v1/subscribe/b?rate=interpolated&k=2&scheme=catmull-rom&bands=1" + upgrade + end,
         "GET /v1/subscribe/a?rate=estimated&k=2" + upgrade + end,
         "GET /v1/subscribe" + upgrade + end,
         "GET /v1/publish/a?access_token=" + token + upgrade + end,
@@ -421,10 +421,10 @@ const std::vector<std::string>& messages() {
     announce.format = {4096, 8, {4096}, "float64"};
     const std::string large = text_from_control(announce);
     const Profile raw{Profile::Rate::kRaw}, full{},
-        compact{Profile::Rate::kInterpolated, 2, Profile::Form::kCompact, 1, Profile::Scheme::kHermite};
+        hermite{Profile::Rate::kInterpolated, 2, 1, Profile::Scheme::kHermite};
     std::vector<std::string> texts{small, floats, moving, large};
     for (const ControlMessage& message : std::vector<ControlMessage>{
-             control::Subscribe{"a", raw}, control::Subscribe{"a", full}, control::Subscribe{"b", compact},
+             control::Subscribe{"a", raw}, control::Subscribe{"a", full}, control::Subscribe{"b", hermite},
              control::Subscribe{"c/d", full}, control::Unsubscribe{"a"}, control::Unsubscribe{"b"},
              control::TraceRequest{"a", 1}, control::TraceRequest{"a", 0}, control::Ping{7, 1}, control::Pong{7, 1, 2},
              control::Trace{1, 1, {{"started", 1}, {"sent", 5}}, 1, 0, {}}, control::Bye{"enough", 0}}) {

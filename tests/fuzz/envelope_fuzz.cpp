@@ -10,8 +10,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto frame = parse_frame(ByteView(data, size));
   if (!frame) return 0;
   // A newest key that the frame follows; the bytes themselves choose its time.
-  const bool precedes_key = frame->envelope.kind == FrameKind::kKey || frame->envelope.kind == FrameKind::kSynthetic;
-  ChainClock newest{256U + frame->check - (precedes_key ? 1U : 0U), std::abs(frame->delay_us), 0};
+  const bool is_next = frame->envelope.kind == FrameKind::kKey;
+  ChainClock newest{256U + frame->check - (is_next ? 1U : 0U), std::abs(frame->delay_us), 0};
   newest.age_us = newest.capture_us / (1 + frame->envelope.tag);
   const auto whole = resolved(*frame, &newest, 0);
   if (!whole) return 0;

@@ -58,12 +58,13 @@ class Session {
   /// A frame, of an envelope that goes on from where the decoder is, or nearly so.
   void send(ByteReader& reader) {
     Envelope head;
-    head.kind = static_cast<FrameKind>(1 + reader.u8() % 5);
+    head.kind = static_cast<FrameKind>(1 + reader.u8() % 4);
     head.flags = reader.u8() % 4 == 0 ? Envelope::kAhead : std::uint8_t{0};
     head.bands = reader.u8();
-    const bool has_step = head.kind != FrameKind::kKey && head.kind != FrameKind::kJoin;
-    const std::uint8_t step = has_step ? reader.u8() : std::uint8_t{0};
-    head.step = {static_cast<std::uint8_t>(step >> 4), static_cast<std::uint8_t>(step & 15)};
+    const std::uint8_t step = reader.u8();
+    if (!head.is_key() || head.is_ahead())
+      head.step = {static_cast<std::uint8_t>(1 + (step >> 4) % 15), static_cast<std::uint8_t>(1 + step % 15)};
+    if (head.is_key() && head.step.at >= head.step.of) head.step = {};
     head.stream_id = 1;
     head.epoch = epoch_;
     head.sequence = decoder_.newest().value_or(0) + reader.u8() % 3;

@@ -47,7 +47,7 @@ def download(port, objects, dice):
 def viewer(port, objects, stop, counts, seed):
     """One viewer after another: each watches for a while, perhaps stalls, and leaves, politely or not."""
     dice = random.Random(seed)
-    profiles = ["", "?rate=raw", "?form=compact", "?rate=5&bands=2"]
+    profiles = ["", "?rate=raw", "?scheme=catmull-rom", "?rate=5&bands=2"]
     while not stop.is_set():
         try:
             peer = upgrade(port, "/v1/subscribe/soak/torus" + dice.choice(profiles))

@@ -32,16 +32,14 @@ RANK = 80
 # Stream, query, what the poses between keys are made by.
 MODES = {
     "raw": ("clip", "rate=raw", "linear"),
-    "full": ("clip", "rate=interpolated&k=3", "linear"),
-    "compact": ("clip", "rate=interpolated&k=3&form=compact", "linear"),
+    "linear": ("clip", "rate=interpolated&k=3", "linear"),
     "catmull-rom": ("clip", "rate=interpolated&k=3&scheme=catmull-rom", "linear"),
     "estimated": ("clip", "rate=estimated&k=3", "damped"),
-    "estimated-compact": ("clip", "rate=estimated&k=2&form=compact&scheme=linear", "linear"),
+    "estimated-linear": ("clip", "rate=estimated&k=2&scheme=linear", "linear"),
     "two-bands": ("clip", "rate=raw&bands=2", "linear"),
-    "hermite": ("moving", "rate=interpolated&k=3&scheme=hermite", "hermite"),
-    "hermite-compact": ("moving", "rate=interpolated&k=4&scheme=hermite&form=compact", "hermite"),
+    "hermite": ("moving", "rate=interpolated&k=4&scheme=hermite", "hermite"),
 }
-WATCHED = ("compact", "hermite-compact")  # By a real viewer as well: keys, joins, and poses that it makes itself.
+WATCHED = ("linear", "catmull-rom", "hermite")  # By a real viewer as well: keys, joins, and poses that it makes itself.
 
 
 def clip():
@@ -90,7 +88,7 @@ class Capture:
         self.peer.sock.close()
 
     def capture_times(self):
-        return {head.capture_us for head in self.heads}
+        return {head.shown_us for head in self.heads}
 
     def ask(self, mask, **profile):
         """Returns when a frame with just these bands came."""
@@ -146,7 +144,7 @@ class CapturedStreams(unittest.TestCase):
                     wait_until(f"{name}: poses", lambda: len(capture.frames) >= MIN_POSES)
                 raw = captures["raw"]
                 raw.ask(1, rate="raw", bands=1)
-                raw.ask(3, rate="interpolated", k=3, form="full", bands=2)
+                raw.ask(3, rate="interpolated", k=3, bands=2)
                 raw.ask(7, rate="raw")
                 # A viewer joins when its geometry is ready: the captures go on until both have enough of the same poses.
                 for name, viewer in viewers.items():
@@ -164,7 +162,7 @@ class CapturedStreams(unittest.TestCase):
                     sender.terminate()
                     sender.wait(20)
         cls.viewed = {name: viewer.poses() for name, viewer in viewers.items()}
-        cls.decoded = {}
+        cls.decoded, cls.heads = {}, {name: capture.heads for name, capture in captures.items()}
         for name, capture in captures.items():
             path = cls.folder / f"{name}.frames"
             capture.write(path, MODES[name][2])
@@ -185,9 +183,14 @@ class CapturedStreams(unittest.TestCase):
 
     def test_each_mode_brings_what_it_is_for(self):
         kinds = {name: {pose["kind"] for pose in poses} for name, poses in self.decoded.items()}
-        for name, kind in (("full", "synthetic"), ("compact", "step"), ("catmull-rom", "synthetic"), ("estimated", "estimate"),
-                           ("estimated-compact", "estimate"), ("hermite", "synthetic"), ("hermite-compact", "step")):
+        for name, kind in (("linear", "step"), ("catmull-rom", "step"), ("estimated", "estimate"), ("estimated-linear", "estimate"),
+                           ("hermite", "step")):
             self.assertIn(kind, kinds[name], name)
+        for name in self.decoded:
+            residuals = any(pose["kind"] == "step" and pose["bands"] for pose in self.decoded[name])
+            self.assertEqual(residuals, name == "catmull-rom", name)
+        for name in ("linear", "hermite"):
+            self.assertTrue(any(pose["kind"] == "key" and "shown" in pose for pose in self.decoded[name]), name)
         self.assertEqual({pose["bands"] for pose in self.decoded["two-bands"]}, {3})
         self.assertGreaterEqual({pose["bands"] for pose in self.decoded["raw"] if pose["bands"]}, {1, 3, 7}, "bands go and come back")
 
@@ -202,9 +205,11 @@ class CapturedStreams(unittest.TestCase):
         for name in WATCHED:
             with self.subTest(name):
                 expected = {}
-                for pose in self.decoded[name]:
-                    key = pose.get("pose") or pose["newer"]
-                    expected[pose["capture_us"]] = [value * step_size(key["step"]) for value in key["values"]]
+                for pose, head in zip(self.decoded[name], self.heads[name]):
+                    if head.ahead and not head.at:
+                        continue
+                    key = pose.get("shown") or pose.get("pose") or pose["newer"]
+                    expected[head.shown_us] = [value * step_size(key["step"]) for value in key["values"]]
                 seen = self.viewed[name]
                 both = expected.keys() & seen.keys()
                 self.assertGreater(len(both), MIN_POSES)

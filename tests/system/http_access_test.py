@@ -579,18 +579,19 @@ class HttpAccess(unittest.TestCase):
         self.assertEqual(announce(data, "small", "greedy")[1]["op"], "announced")
         self.assertEqual(self.announce_large(data, "other", "camera")[1]["op"], "announced", "others go on")
 
-        def served(subject, k):
-            viewer = connect(data, f"/v1/subscribe/other?rate=interpolated&k={k}", subject)
+        def served(subject, rate, k):
+            viewer = connect(data, f"/v1/subscribe/other?rate={rate}&k={k}", subject)
             self.addCleanup(viewer.sock.close)
             profile = hear(viewer, "stream")["profile"]
             return (profile["rate"], profile.get("k"))
 
-        got = [served("greedy", k) for k in range(2, 16)]
-        exactly = sum(profile == ("interpolated", k) for profile, k in zip(got, range(2, 16)))
-        self.assertIn(exactly, range(3, 8), "about 1 MB each, of a fifth of 30 MB")
-        self.assertEqual(got[:exactly], [("interpolated", k) for k in range(2, 2 + exactly)])
-        self.assertEqual(got[-1], ("interpolated", 1 + exactly), "the nearest that is served")
-        self.assertEqual(served("guest", 15), ("interpolated", 15), "others get theirs")
+        asked = [(rate, k) for rate in ("interpolated", "estimated") for k in range(2, 16)]
+        got = [served("greedy", *profile) for profile in asked]
+        exactly = sum(profile == wanted for profile, wanted in zip(got, asked))
+        self.assertIn(exactly, range(12, 17), "about 0.4 MB each, of a fifth of 30 MB")
+        self.assertEqual(got[:exactly], asked[:exactly])
+        self.assertIn(got[-1], [*asked[:exactly], ("raw", None)], "the nearest that is served")
+        self.assertEqual(served("guest", "estimated", 15), ("estimated", 15), "others get theirs")
 
     def test_unfinished_heads_are_limited_in_bytes(self):
         data, _ = self.start("--per-address-unfinished-bytes=65536")

@@ -43,7 +43,7 @@ class Sender(threading.Thread):
         while b'"announced"' not in (text := self.peer.receive()[1]):
             pass
         self.tag = json.loads(text)["tag"]
-        self.bands = [[0.5] * (3 * (end - begin)) for begin, end in zip([0, *ends], ends)]
+        self.poses = [[[value] * (3 * (end - begin)) for begin, end in zip([0, *ends], ends)] for value in (0.5, 0.75, 0)]
         self.start()
 
     def run(self):
@@ -52,7 +52,7 @@ class Sender(threading.Thread):
             kind = payloads.KEY if sequence else payloads.JOIN
             # Even times, so that frames have one size: the window that a kernel offers follows sizes that change.
             capture_us = int(start * 1_000_000) + sequence * (1_000_000 // self.rate)
-            self.peer.send(frame(BINARY, payloads.float_frame(chain, kind, sequence, capture_us, self.bands, self.tag)))
+            self.peer.send(frame(BINARY, payloads.float_frame(chain, kind, sequence, capture_us, self.poses[sequence % 3], self.tag)))
             sequence += 1
             time.sleep(max(0, start + sequence / self.rate - time.monotonic()))
 
@@ -102,7 +102,8 @@ class Viewer:
 
     def on_frame(self, payload):
         head = self.chain.read(payload)
-        self.captures.append(head.capture_us)
+        if not head.ahead or head.at:
+            self.captures.append(head.shown_us)
         self.newest = {"stream_id": head.stream_id, "sequence": head.sequence, "step": head.at << 4 | head.of}
 
     def read_until(self, condition, pause=0.0):
@@ -114,7 +115,7 @@ class Viewer:
             time.sleep(pause)
 
     def rungs(self):
-        return [(p["rate"], p.get("form") if p["rate"] != "raw" else None, p["bands"]) for p in self.profiles]
+        return [(p["rate"], p.get("scheme"), p["bands"]) for p in self.profiles]
 
 
 class SlowViewers(unittest.TestCase):
@@ -191,15 +192,15 @@ class SlowViewers(unittest.TestCase):
 
     def test_a_slow_link_gets_a_lower_rung(self):
         port_file = pathlib.Path(self.broker.folder) / "relay-port"
-        # Full: 5.8 Mbit/s, raw: 2.0, three bands of four: 1.1.
+        # With residuals: 5.8 Mbit/s, linear and raw: 2.0, three bands of four: 1.1.
         relay = subprocess.Popen([RELAY, f"--to={self.port}", f"--port-file={port_file}", "--rate-kbit=1500", "--direction=down"])
         self.addCleanup(relay.wait)
         self.addCleanup(relay.terminate)
         with Sender(self.port, "s", [14, 54, 104, 200], 100):
-            viewer = Viewer(port_of(port_file), "s", acknowledges=True)
+            viewer = Viewer(port_of(port_file), "s", "?scheme=catmull-rom", acknowledges=True)
             viewer.read_until(lambda: viewer.rungs()[-1:] == [("raw", None, 3)])
             self.assertGreaterEqual(len(viewer.notices), 3, "each step is announced")
-            self.assertEqual(viewer.rungs()[-4:], [("interpolated", "full", 4), ("interpolated", "compact", 4), ("raw", None, 4), ("raw", None, 3)])
+            self.assertEqual(viewer.rungs()[-4:], [("interpolated", "catmull-rom", 4), ("interpolated", None, 4), ("raw", None, 4), ("raw", None, 3)])
             stepped = len(viewer.captures)
             viewer.read_until(lambda: len(viewer.captures) > stepped + 400)
             self.assertEqual(viewer.rungs()[-1], ("raw", None, 3), "this rung suits the link")
@@ -208,10 +209,10 @@ class SlowViewers(unittest.TestCase):
 
     def test_the_step_is_undone_when_the_link_recovers(self):
         with Sender(self.port, "s", [14, 54, 104, 200], 60):
-            viewer = Viewer(self.port, "s", receive_buffer=8192)
-            viewer.read_until(lambda: viewer.rungs()[-1:] == [("interpolated", "compact", 4)], pause=0.02)
-            viewer.read_until(lambda: viewer.rungs()[-1:] == [("interpolated", "full", 4)])
-            self.assertEqual(viewer.rungs()[-2:], [("interpolated", "compact", 4), ("interpolated", "full", 4)])
+            viewer = Viewer(self.port, "s", "?scheme=catmull-rom", receive_buffer=8192)
+            viewer.read_until(lambda: viewer.rungs()[-1:] == [("interpolated", None, 4)], pause=0.02)
+            viewer.read_until(lambda: viewer.rungs()[-1:] == [("interpolated", "catmull-rom", 4)])
+            self.assertEqual(viewer.rungs()[-2:], [("interpolated", None, 4), ("interpolated", "catmull-rom", 4)])
             self.assertEqual((self.steps_counted("down"), self.steps_counted("up")), (1, 1))
 
 

@@ -9,6 +9,7 @@
 
 #include "broker/relay/stream.h"
 #include "common/codec/key.h"
+#include "common/motion/curve.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
 #include "common/surface/shapes/shapes.h"
@@ -182,9 +183,9 @@ class Decoded : public broker::Watcher {
       const auto key = decoder_.decode(*view);
       ASSERT_TRUE(key) << key.error().message;
       if (!*key) continue;  // Sent ahead.
-      const auto& [at, of] = view->envelope.step;
-      poses.push_back({view->envelope.sequence, at, of, view->envelope.capture_us, decoder_.layout().channels,
-                       coefficients_from_key(decoder_.layout(), **key)});
+      const Envelope& head = view->envelope;
+      poses.push_back({head.sequence, head.step.at, head.step.of, head.is_ahead() ? shown_us(head) : head.capture_us,
+                       decoder_.layout().channels, coefficients_from_key(decoder_.layout(), **key)});
     }
   }
   void on_trace(const std::shared_ptr<const std::string>&) override {}
@@ -200,8 +201,8 @@ class NoSender : public broker::PublisherLink {
   void on_watcher_count(std::uint32_t) override {}
 };
 
-class Interpolated : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {
- protected:
+class Interpolated : public ::testing::TestWithParam<std::string> {
+ public:
   static Asset asset_of(const MotionClip& clip) {
     const KnownMotion motion = motion_of(clip);
     auto baked = bake(clip.rest(), {.name = {}, .motion = &motion}, default_cache_dir());
@@ -211,20 +212,20 @@ class Interpolated : public ::testing::TestWithParam<std::tuple<std::string, std
   static Quantiser quantiser_of(const Asset& asset) {
     return quantiser_for_error(kDefaultErrorOverDiagonal * asset.diagonal(), asset.area, asset.rank);
   }
-  /// Compact poses are rounded to steps, full ones coded to within three half spacings of 2.5 times the keys' size.
-  double rounding(const Quantiser& quantiser) const {
-    const double steps = form() == "compact" ? 0.5001 : 3 * 2.5 * quantiser.half_spacing;
-    return codec() == "quantised" ? steps * step_size(quantiser.step) : codec() == "float32" ? 1e-5 : 1e-12;
+
+ protected:
+  /// Of a pose against Eq. 7 of its keys: half a step.
+  static double rounding(const Quantiser& quantiser) {
+    return codec() == "quantised" ? 0.5001 * step_size(quantiser.step) : codec() == "float32" ? 1e-5 : 1e-12;
   }
-  static const std::string& form() { return std::get<0>(GetParam()); }
-  static const std::string& codec() { return std::get<1>(GetParam()); }
+  static const std::string& codec() { return GetParam(); }
 };
 
 TEST_P(Interpolated, TheRateTriples) {
   Scene scene;
   const auto broker = scene.start_broker();
   const auto sender = scene.start_sender({"torus", "--rate", "20", "--codec", codec()});
-  const auto client = scene.start_client("a", {"--frames", "1000000", "--form", form()});
+  const auto client = scene.start_client("a", {"--frames", "1000000"});
   const auto clip = builtin_clip("torus");
   const double tolerance = rounding(quantiser_of(asset_of(**clip)));
   EXPECT_TRUE(eventually([&] { return whole_intervals(scene.received("a"), tolerance) >= 10; }, kPatience))
@@ -234,33 +235,37 @@ TEST_P(Interpolated, TheRateTriples) {
   EXPECT_EQ(report_of(scene, "a")["bands"]["received"], 4);
 }
 
-/// The same way but for sockets, on a stepped clock: nothing is late, so nothing is missing.
-TEST_P(Interpolated, EveryIntervalTriplesOnASteppedClock) {
+/// The way of `keys` poses of the torus, each `stride`-th, but for sockets, on a stepped clock: nothing is late, so
+/// nothing is missing.
+struct Stepped {
+  std::vector<RecordedPose> poses;
+  Quantiser quantiser;
+};
+void step_through(const Profile& profile, const std::string& codec, std::size_t keys, std::size_t stride,
+                  Stepped& out) {
   const auto clip = builtin_clip("torus");
-  const Asset asset = asset_of(**clip);
+  const Asset asset = Interpolated::asset_of(**clip);
   const auto projector = Projector::create(asset);
   ASSERT_TRUE(projector);
-  const Quantiser quantiser = quantiser_of(asset);
-  const CoefficientLayout layout{codec_from_name(codec()).value(), asset.rank, 3, default_band_ends(asset.rank)};
-  KeyWriter writer(layout, codec() == "quantised" ? quantiser.half_spacing : std::uint8_t{0}, std::nullopt);
+  const Quantiser quantiser = out.quantiser = Interpolated::quantiser_of(asset);
+  const CoefficientLayout layout{codec_from_name(codec).value(), asset.rank, 3, default_band_ends(asset.rank)};
+  KeyWriter writer(layout, codec == "quantised" ? quantiser.half_spacing : std::uint8_t{0}, std::nullopt);
   broker::Stream stream("live/test", 7, broker::Stream::Settings{});
   NoSender sender;
   Decoded viewer;
-  ASSERT_TRUE(stream.watch(
-      viewer, {Profile::Rate::kInterpolated, 3, form() == "compact" ? Profile::Form::kCompact : Profile::Form::kFull}));
+  ASSERT_TRUE(stream.watch(viewer, profile));
   ASSERT_TRUE(stream.claim(sender));
   control::Announce announce;
   announce.asset = std::string(64, 'a');
-  announce.format = {asset.rank, 3, layout.band_ends, codec()};
+  announce.format = {asset.rank, 3, layout.band_ends, codec};
   announce.key_rate_hz = 20;
   ASSERT_TRUE(stream.announce(announce, 1));
   writer.begin({"live/test", 7, 1, stream.tag()});
 
-  constexpr std::size_t kKeys = 60;
   constexpr TimeUs kIntervalUs = 50'000;
   TimeUs now_us = 1'000'000;
-  for (std::size_t i = 0; i < kKeys; ++i) {
-    const auto positions = (*clip)->pose(i % (*clip)->frame_count());
+  for (std::size_t i = 0; i < keys; ++i) {
+    const auto positions = (*clip)->pose(i * stride % (*clip)->frame_count());
     std::vector<double> flat;
     for (const Vec3& vertex : *positions) flat.insert(flat.end(), vertex.begin(), vertex.end());
     const auto coefficients = projector->coefficients_from_positions(std::span<const double>(flat));
@@ -275,13 +280,47 @@ TEST_P(Interpolated, EveryIntervalTriplesOnASteppedClock) {
     for (const TimeUs end_us = now_us + kIntervalUs; now_us < end_us; now_us += 1000) stream.pump(now_us);
   }
   for (const TimeUs end_us = now_us + 10 * kIntervalUs; now_us < end_us; now_us += 1000) stream.pump(now_us);
-  EXPECT_EQ(viewer.poses.size(), 1 + 3 * (kKeys - 1));
-  EXPECT_EQ(whole_intervals(viewer.poses, rounding(quantiser)), kKeys - 1);
+  EXPECT_EQ(viewer.poses.size(), 1 + 3 * (keys - 1));
+  out.poses = std::move(viewer.poses);
 }
 
-INSTANTIATE_TEST_SUITE_P(Forms, Interpolated,
-                         ::testing::Values(std::tuple{"full", "quantised"}, std::tuple{"compact", "quantised"},
-                                           std::tuple{"full", "float64"}, std::tuple{"compact", "float32"}));
+TEST_P(Interpolated, EveryIntervalTriplesOnASteppedClock) {
+  constexpr std::size_t kKeys = 60;
+  Stepped seen;
+  step_through(Profile{}, codec(), kKeys, 1, seen);
+  if (HasFatalFailure()) return;
+  EXPECT_EQ(whole_intervals(seen.poses, rounding(seen.quantiser)), kKeys - 1);
+}
+
+/// Against the curve through the viewer's own keys, whose interval is one.
+TEST_P(Interpolated, CurvedPosesLieWithinHalfASpacing) {
+  constexpr std::size_t kKeys = 30;
+  Stepped seen;
+  step_through({Profile::Rate::kInterpolated, 3, 8, Profile::Scheme::kCatmullRom}, codec(), kKeys, 10, seen);
+  if (HasFatalFailure()) return;
+  const double half_spacing =
+      codec() != "quantised" ? 1e-5 : (seen.quantiser.half_spacing + 0.5001) * step_size(seen.quantiser.step);
+  const auto steps = by_step(seen.poses);
+  std::size_t checked = 0;
+  double bent = 0;
+  for (const RecordedPose& pose : seen.poses) {
+    const auto key = [&](int ahead) { return steps.find({pose.sequence + static_cast<std::uint64_t>(ahead), {0, 0}}); };
+    if (pose.is_key() || key(-2) == steps.end() || key(1) == steps.end()) continue;
+    const CurveWeights w = catmull_rom_weights(0, 3, 6, 9, 3 + pose.at);
+    ++checked;
+    for (std::size_t i = 0; i < pose.coefficients.size(); ++i) {
+      const auto at = [&](int ahead) { return key(ahead)->second.coefficients[i]; };
+      const double curve = w.before * at(-2) + w.from * at(-1) + w.to * at(0) + w.after * at(1);
+      ASSERT_NEAR(pose.coefficients[i], curve, half_spacing)
+          << i << " of " << int{pose.at} << "/3 before " << pose.sequence;
+      bent = std::max(bent, std::abs(pose.coefficients[i] - at(-1) - (at(0) - at(-1)) * pose.at / 3.0));
+    }
+  }
+  EXPECT_EQ(checked, 2 * (kKeys - 3));
+  EXPECT_GT(bent, half_spacing) << "a straight line would not do";
+}
+
+INSTANTIATE_TEST_SUITE_P(Codecs, Interpolated, ::testing::Values("quantised", "float32", "float64"));
 
 TEST(Raw, DeliversExactlyWhatWasSent) {
   Scene scene;

@@ -65,7 +65,7 @@ Result<void> check_url(const std::string& text) {
   if (!url) return url.error();
   if (url->query.empty()) return {};
   return fail(ErrorCode::kInvalidArgument,
-              url->shown() + ": leave out '?" + url->query + "'; --interp and --form say what viewers are sent");
+              url->shown() + ": leave out '?" + url->query + "'; --interp says what viewers are sent");
 }
 
 Result<void> check(const Inputs& inputs) {

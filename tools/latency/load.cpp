@@ -246,11 +246,11 @@ class LightViewers final : public Load {
     if (head.is_key()) {
       if (newest != nullptr && head.sequence > newest->sequence + 1)
         figures_.keys_missed += head.sequence - newest->sequence - 1;
-      viewer.newest = ChainClock::after(head, newest);
+      viewer.newest = ChainClock::after(head);
     }
     // The first join may hold an old pose: its age is not a delay of the stream.
-    if (counting_ && head.kind != FrameKind::kJoin && (head.flags & Envelope::kAhead) == 0)
-      figures_.latency_us.add(now - head.capture_us);
+    if (counting_ && head.kind != FrameKind::kJoin && head.shows())
+      figures_.latency_us.add(now - (head.is_ahead() ? shown_us(head) : head.capture_us));
   }
 
   void acknowledge(TimeUs now) {

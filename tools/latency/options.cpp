@@ -93,9 +93,6 @@ void add_viewer(CLI::App& command, Options& o) {
   command.add_option("--interp", in.interpolation, "poses per key: 1 (raw) to 15")
       ->check(kInterpolations)
       ->capture_default_str();
-  command.add_option("--form", in.form, "full: the broker interpolates; compact: the viewer does")
-      ->check(CLI::IsMember({"full", "compact"}))
-      ->capture_default_str();
   command.add_option("--lod", in.lod, "share of the vertices that are rebuilt")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();

@@ -104,7 +104,6 @@ Json json_from(const Inputs& in) {
           {"codec", asked(in.codec)},
           {"rate_hz", asked(in.rate_hz)},
           {"interpolation", in.interpolation},
-          {"form", in.form},
           {"lod", in.lod},
           {"present", in.present},
           {"clients", in.clients},
@@ -184,10 +183,8 @@ std::string table(const Outcome& o) {
       "%s: %s, %u of %u vertices, r = %d, %s, %s, %.1f s, %.1f kbit/s; times in ms\n\n", o.inputs.mode.c_str(),
       o.inputs.sends() ? o.inputs.source.c_str() : without_secrets(o.inputs.url).c_str(), o.vertices_rebuilt,
       o.vertices, o.rank, o.key_rate_hz > 0 ? formatted("%g poses/s", o.key_rate_hz).c_str() : "poses as they come",
-      o.inputs.interpolation > 1
-          ? formatted("interpolated x %d, %s", o.inputs.interpolation, o.inputs.form.c_str()).c_str()
-          : "raw",
-      o.seconds, o.kbit_per_s);
+      o.inputs.interpolation > 1 ? formatted("interpolated x %d", o.inputs.interpolation).c_str() : "raw", o.seconds,
+      o.kbit_per_s);
   text += heading(o.inputs.present.empty() ? "pose to rebuilt surface" : "pose to picture");
   text += row("keys", o.keys, o.total_error_us);
   if (o.synthetic.count() + o.synthetic.negative() > 0) text += row("synthetic", o.synthetic, o.total_error_us);

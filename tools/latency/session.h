@@ -27,8 +27,7 @@ struct Inputs {
   int rank = 200;
   std::string codec = "quantised";
   double rate_hz = 30;
-  int interpolation = 1;  ///< Poses per key; 1: raw.
-  std::string form = "full";
+  int interpolation = 1;      ///< Poses per key; 1: raw.
   double lod = 1;             ///< Share of the vertices that are rebuilt.
   std::string present;        ///< Pixels of the pictures, "1440x900"; empty: none are made.
   std::uint32_t clients = 1;  ///< One full viewer, the others light.
@@ -41,7 +40,6 @@ struct Inputs {
     Profile asked;
     asked.rate = interpolation > 1 ? Profile::Rate::kInterpolated : Profile::Rate::kRaw;
     if (interpolation > 1) asked.k = static_cast<std::uint8_t>(interpolation);
-    asked.form = form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
     return asked;
   }
   bool sends() const { return mode == "loop" || mode == "publish"; }

@@ -40,10 +40,9 @@ TimeUs StagedPose::uncertainty_us() const {
 
 void Timeline::add(const Received& received) {
   Key& key = keys_[received.envelope.sequence];
-  const bool ahead = (received.envelope.flags & Envelope::kAhead) != 0;
   const bool is_last = received.envelope.step.byte() == 0 || received.envelope.step.at == received.envelope.step.of;
   if (is_last) key.capture_us = received.envelope.capture_us;
-  if (!ahead && key.received.size() < kMaxSteps) key.received[received.envelope.step.byte()] = received;
+  if (key.received.size() < kMaxSteps) key.received[received.envelope.step.byte()] = received;
   settle(received.envelope.sequence, key);
 }
 

@@ -74,7 +74,7 @@ TEST_F(ServiceTest, InterpolationSendsThreePosesPerKey) {
   for (const auto& pose : receiver.poses) {
     const int s = static_cast<int>(pose.envelope.sequence);
     const auto [at, of] = pose.envelope.step;
-    if (pose.envelope.kind != FrameKind::kSynthetic) continue;
+    if (at == of) continue;
     EXPECT_EQ(pose.key, interpolate_keys(small_layout(), key_number(s - 1), key_number(s), at, of).value());
   }
 }
@@ -382,7 +382,7 @@ TEST_F(ServiceTest, PosesBeyondTheBudgetOfTheirViewersAreLeftOut) {
   start();
   const auto sends = sender("a");
   std::list<Client> viewers;
-  for (const char* query : {"k=15", "k=14", "rate=estimated&k=15", "rate=estimated&k=14"})
+  for (const char* query : {"k=15&scheme=catmull-rom", "k=14&scheme=catmull-rom"})
     viewers.emplace_back(port_, std::string("/v1/subscribe/a?") + query).wait_for<control::StreamInfo>();
   const auto left_out = [&] {
     const std::string metrics = http_request(admin_port_, "GET", "/metrics").body;
@@ -514,7 +514,7 @@ TEST_F(ServiceTest, ConnectionWatchesStreamsAndChangesProfile) {
   EXPECT_EQ(viewer.next_frame()->envelope.stream_id, info_a.stream_id);
   b->send_frame(motion_b.next(0));
   EXPECT_EQ(viewer.next_frame()->envelope.stream_id, info_b.stream_id);
-  viewer.send(control::Subscribe{"a", Profile{Profile::Rate::kRaw, 3, Profile::Form::kFull, 1}});
+  viewer.send(control::Subscribe{"a", Profile{Profile::Rate::kRaw, 3, 1}});
   EXPECT_EQ(viewer.wait_for<control::StreamInfo>().profile.bands, 1);
   const FramePtr join = viewer.next_frame();
   EXPECT_EQ(join->envelope.kind, FrameKind::kJoin);

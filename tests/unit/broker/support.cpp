@@ -117,36 +117,42 @@ void FakeReceiver::decode(const Frame& frame) {
     newest_ = head.sequence;
     newest_us_ = head.capture_us;
     show(head, state_->newer);
-  } else if (head.kind == FrameKind::kStep || head.kind == FrameKind::kEstimate) {
-    if (!state_ || head.sequence != newest_) return void(++undecodable);
-    const auto key = head.bands.empty() ? made(head) : decode_key(small_layout(), head.bands, *state_, parsed->payload);
+  } else if (head.kind == FrameKind::kKey) {
+    if (!state_ || head.sequence != newest_ + 1) return void(++undecodable);
+    const auto key = decode_key(small_layout(), head.bands, *state_, parsed->payload);
     if (!key) return void(++undecodable);
+    state_ = advanced(state_, *key, head.capture_us - newest_us_);
+    newest_ = head.sequence;
+    newest_us_ = head.capture_us;
     show(head, *key);
   } else {
-    decode_key_frame(head, parsed->payload);
+    if (!state_ || head.sequence != newest_) return void(++undecodable);
+    auto pose = made(head);
+    if (pose && !head.bands.empty())
+      pose = decode_residual(small_layout(), head.bands, *std::move(pose), parsed->payload);
+    if (!pose) return void(++undecodable);
+    poses.push_back({head, *pose});
   }
 }
 
-void FakeReceiver::decode_key_frame(const Envelope& head, ByteView payload) {
-  if (!state_ || head.sequence != newest_ + 1) return void(++undecodable);
-  const auto key = decode_key(small_layout(), head.bands, *state_, payload);
-  if (!key) return void(++undecodable);
-  show(head, *key);
-  if (head.kind == FrameKind::kSynthetic) return;
-  state_ = advanced(state_, *key, head.capture_us - newest_us_);
-  newest_ = head.sequence;
-  newest_us_ = head.capture_us;
-}
-
 void FakeReceiver::show(const Envelope& head, const Key& key) {
-  if ((head.flags & Envelope::kAhead) == 0) poses.push_back({head, key});
+  if (!head.is_ahead()) return poses.push_back({head, key});
+  if (!head.shows()) return;
+  const auto pose = made(head);
+  if (!pose) return void(++undecodable);
+  Envelope step = head;
+  step.kind = FrameKind::kStep;
+  step.flags = 0;
+  step.capture_us = shown_us(head);
+  poses.push_back({step, *pose});
 }
 
 Result<Key> FakeReceiver::made(const Envelope& head) const {
   const auto [at, of] = head.step;
   const auto& [older, newer, age_us] = *state_;
-  const Profile::Scheme scheme = infos.back().profile.scheme;
-  const StreamFormat& format = infos.back().format;
+  const control::StreamInfo info = infos.empty() ? control::StreamInfo{} : infos.back();
+  const Profile::Scheme scheme = info.profile.scheme;
+  const StreamFormat& format = info.format;
   if (head.kind == FrameKind::kEstimate)
     return estimate_keys(small_layout(), older, newer, scheme == Profile::Scheme::kDamped, at, of);
   if (scheme != Profile::Scheme::kHermite) return interpolate_keys(small_layout(), older, newer, at, of);

@@ -18,8 +18,8 @@ namespace eigencast::broker::testing {
 inline constexpr TimeUs kInterval = 30'000;
 
 inline const Profile kRaw{Profile::Rate::kRaw};
-inline const Profile kFull{};
-inline const Profile kCompact{Profile::Rate::kInterpolated, 3, Profile::Form::kCompact};
+inline const Profile kLinear{};
+inline const Profile kCurved{Profile::Rate::kInterpolated, 3, 8, Profile::Scheme::kCatmullRom};
 
 /// A small stream of two bands and its announcement.
 CoefficientLayout small_layout();
@@ -97,16 +97,15 @@ class FakeReceiver : public Watcher {
 
   std::vector<control::StreamInfo> infos;
   std::vector<FramePtr> frames;
-  std::vector<Pose> poses;  ///< Shown ones: without those marked kAhead.
+  std::vector<Pose> poses;  ///< Shown ones: in place of a key sent ahead the step that it shows.
   std::vector<std::string> traces;
   int undecodable = 0;
   double charged_us = 0, budget_us = 1e9;  ///< Of encoding poses.
   const void* shared = nullptr;            ///< With others.
 
  private:
-  void decode_key_frame(const Envelope& head, ByteView payload);
   void show(const Envelope& head, const Key& key);
-  /// A pose without payload, computed by the profile's rules.
+  /// A pose computed by the profile's rules.
   Result<Key> made(const Envelope& head) const;
 
   std::string holder_;

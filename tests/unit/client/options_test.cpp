@@ -28,12 +28,12 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
   EXPECT_EQ(std::get<ClientOptions>(plain).view_options.playout.delay_us, 0) << "follows the stream";
   const auto asked =
-      parsed({"ws://h/a?rate=interpolated&k=5", "--form", "compact", "--size", "640x480", "--playout", "estimate"});
+      parsed({"ws://h/a?rate=interpolated&k=5", "--scheme", "hermite", "--size", "640x480", "--playout", "estimate"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(asked));
   const auto& options = std::get<ClientOptions>(asked);
   ASSERT_TRUE(options.profile);
   EXPECT_EQ(options.profile->k, 5);
-  EXPECT_EQ(options.profile->form, Profile::Form::kCompact);
+  EXPECT_EQ(options.profile->scheme, Profile::Scheme::kHermite);
   EXPECT_EQ(options.width, 640);
   EXPECT_EQ(options.height, 480);
   EXPECT_EQ(options.view_options.playout.mode, PlayoutMode::kEstimate);
@@ -112,8 +112,8 @@ TEST(Options, WrongUsageExitsWithTwo) {
                                                     {"--k", "99"},
                                                     {"--k", "3", "--rate", "raw"},
                                                     {"--rate", "raw", "--scheme", "linear"},
-                                                    {"ws://h/a?rate=raw", "--form", "full"},
-                                                    {"--scheme", "catmull-rom", "--form", "compact"},
+                                                    {"ws://h/a?rate=raw", "--scheme", "linear"},
+                                                    {"--form", "full"},
                                                     {"--rate", "estimated", "--scheme", "hermite"},
                                                     {"--nonsense"},
                                                     {"view"},

@@ -52,13 +52,13 @@ TEST(HudText, LinesDependOnWhatIsKnown) {
   EXPECT_THAT(lines[7], HasSubstr("1.00 0.42 0.07"));
 }
 
-TEST(HudText, ModeNamesRateSchemeAndForm) {
-  EXPECT_EQ(text_from_mode({Profile::Rate::kRaw, 3, Profile::Form::kFull, 8}), "raw");
-  EXPECT_EQ(text_from_mode({Profile::Rate::kInterpolated, 4, Profile::Form::kCompact, 8}), "interpolated x4 compact");
+TEST(HudText, ModeNamesRateAndScheme) {
+  EXPECT_EQ(text_from_mode({Profile::Rate::kRaw}), "raw");
+  EXPECT_EQ(text_from_mode({Profile::Rate::kInterpolated, 4}), "interpolated x4");
   Profile estimated;
   estimated.rate = Profile::Rate::kEstimated;
   estimated.scheme = default_scheme(estimated.rate);
-  EXPECT_EQ(text_from_mode(estimated), "estimated x3 damped full");
+  EXPECT_EQ(text_from_mode(estimated), "estimated x3 damped");
 }
 
 TEST(HudText, ShownStatesDelayAndSmoothness) {

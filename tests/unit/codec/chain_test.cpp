@@ -58,18 +58,18 @@ TEST_P(EachCodec, ReceiverHoldsTheSendersStateAcrossStepChanges) {
   }
 }
 
-TEST_P(EachCodec, SyntheticPosesDecodeExactly) {
+TEST_P(EachCodec, ResidualsDecodeExactlyWithoutSpacing) {
   const CoefficientLayout layout = layout_of(GetParam());
   const MotionSample motion(layout);
   const ChainState state = motion.state(150);
-  const Key coming = motion.key(2, 153);
   for (std::uint32_t at = 1; at < 15; ++at) {
-    const Key pose = interpolate_keys(layout, state.newer, coming, at, 15).value();
-    const auto decoded =
-        decode_key(layout, layout.all_bands(), state, encode_key(layout, state, pose, 0).value().payload);
-    ASSERT_TRUE(decoded) << decoded.error().message;
-    EXPECT_EQ(*decoded, pose);
+    const Key base = interpolate_keys(layout, state.older, state.newer, at, 15).value();
+    const Key pose = interpolate_keys(layout, state.newer, motion.key(2, 150), at, 15).value();
+    const auto coded = encode_residual(layout, base, pose, 0).value();
+    EXPECT_EQ(decode_residual(layout, coded.bands, base, coded.payload).value(), pose);
+    EXPECT_TRUE(encode_residual(layout, base, base, 0)->bands.empty());
   }
+  EXPECT_EQ(interpolate_keys(layout, state.older, state.newer, 7, 7).value(), state.newer) << "to the bit";
 }
 
 TEST_P(EachCodec, CuttingBandsEqualsDecodingOnlyThose) {
@@ -152,52 +152,51 @@ TEST(Chain, CoarseKeysStayWithinTheirErrorBounds) {
   }
 }
 
-TEST(Chain, QuickPosesStayWithinErrorAndSizeBounds) {
+TEST(Chain, ResidualsStayWithinHalfSpacing) {
+  std::mt19937 random(3);
   for (const std::uint32_t channels : {1u, 3u, 4u}) {
     const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200, channels);
     const MotionSample motion(layout);
-    for (const std::uint8_t half_spacing : {1, 4, 15, 63}) {
-      double squares = 0, worst = 0;
-      std::size_t bytes = 0, bytes_of_keys = 0;
+    for (const std::uint8_t half_spacing : {0, 1, 4, 15, 63}) {
       for (int frame = 1; frame < 40; ++frame) {
-        const ChainState state{motion.key(frame - 1, 150), motion.key(frame, 150), 33'333};
-        const Key pose = interpolate_keys(layout, state.newer, motion.key(frame + 1, 150), 1 + frame % 2, 3).value();
-        const Bytes payload = encode_pose(layout, state, pose, half_spacing).value();
-        EXPECT_EQ(half_spacing_of(payload), half_spacing);
-        const auto decoded = decode_key(layout, layout.all_bands(), state, payload);
+        const Key base = interpolate_keys(layout, motion.key(frame - 1, 150), motion.key(frame, 150), 1, 3).value();
+        Key pose = base;
+        for (std::int32_t& q : pose.q)
+          q += static_cast<std::int32_t>(random() % (2u << random() % 13)) -
+               static_cast<std::int32_t>(1u << random() % 12);
+        const auto coded = encode_residual(layout, base, pose, half_spacing).value();
+        EXPECT_EQ(half_spacing_of(coded.payload), half_spacing);
+        const auto decoded = decode_residual(layout, coded.bands, base, coded.payload);
         ASSERT_TRUE(decoded) << decoded.error().message;
-        bytes += payload.size();
-        bytes_of_keys += encode_key(layout, state, pose, half_spacing)->payload.size();
-        for (std::size_t i = 0; i < layout.size(); ++i) {
-          const double error = static_cast<double>(pose.q[i]) - decoded->q[i];
-          squares += error * error;
-          worst = std::max(worst, std::abs(error));
-        }
+        for (std::size_t i = 0; i < layout.size(); ++i) ASSERT_LE(std::abs(decoded->q[i] - pose.q[i]), half_spacing);
       }
-      const double rms = std::sqrt(squares / (39 * static_cast<double>(layout.size())));
-      EXPECT_LE(rms, 0.72 * half_spacing) << int{half_spacing};
-      EXPECT_LE(worst, 3 * half_spacing) << int{half_spacing};
-      EXPECT_LE(static_cast<double>(bytes), 1.15 * static_cast<double>(bytes_of_keys)) << int{half_spacing};
     }
   }
 }
 
-TEST_P(EachCodec, PoseFallsBackToKeyCoding) {
-  const CoefficientLayout layout = layout_of(GetParam());
+TEST(Chain, OnlyBandsBeyondHalfSpacingHaveResiduals) {
+  const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
   const MotionSample motion(layout);
-  ChainState state = motion.state(150);
-  const auto check = [&](const Key& pose, std::uint8_t half_spacing) {
-    EXPECT_EQ(encode_pose(layout, state, pose, half_spacing).value(),
-              encode_key(layout, state, pose, half_spacing)->payload);
-  };
-  check(motion.key(2, 150), 0);
-  check(motion.key(2, 147), 4);  // At another step.
-  state.newer.bands = 1;
-  state.newer = cut(layout, state.newer, 1);
-  const Bytes narrow = encode_pose(layout, state, motion.key(2, 150), 4).value();
-  const Bytes band_1 = cut_bands(layout, false, layout.all_bands(), 2, narrow).value();
-  const Bytes as_key = encode_key(layout, state, motion.key(2, 150), 4)->payload;
-  EXPECT_EQ(band_1, cut_bands(layout, false, layout.all_bands(), 2, as_key).value());
+  const Key base = motion.key(1, 150);
+  Key pose = base;
+  pose.q[layout.range(0).first] += 4;
+  pose.q[layout.range(1).first] -= 5;
+  const auto coded = encode_residual(layout, base, pose, 4).value();
+  EXPECT_EQ(coded.bands, BandMask(0b10));
+  EXPECT_EQ(decode_residual(layout, coded.bands, base, coded.payload)->bands, base.bands);
+  // Bands that one of the two lacks stay as they are.
+  const Key narrow = cut(layout, base, 1);
+  EXPECT_TRUE(encode_residual(layout, narrow, pose, 4)->bands.empty());
+  EXPECT_EQ(decode_residual(layout, coded.bands, narrow, coded.payload).error().code, ErrorCode::kCorrupt);
+}
+
+TEST(Chain, ResidualOfAnotherStepIsRefused) {
+  const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
+  const MotionSample motion(layout);
+  const Key base = motion.key(1, 150), other = motion.key(2, 147);
+  EXPECT_EQ(encode_residual(layout, base, other, 4).error().code, ErrorCode::kInvalidArgument);
+  const Bytes payload = encode_key(layout, {base, base, 0}, other, 4)->payload;
+  EXPECT_EQ(decode_residual(layout, layout.all_bands(), base, payload).error().code, ErrorCode::kCorrupt);
 }
 
 TEST(Chain, CoarserSpacingsCostLess) {
@@ -234,12 +233,14 @@ TEST(Chain, RandomAndExtremeKeysRoundTrip) {
         const auto near = decode_key(layout, key.bands, state, coarse.payload);
         ASSERT_TRUE(near) << near.error().message;
         ASSERT_EQ(*near, coarse.key);
-        const Bytes pose = encode_pose(layout, state, key, half_spacing).value();
-        EXPECT_LE(pose.size(), 2 + 6 * layout.band_ends.size() + 12 * layout.size());
-        const auto seen = decode_key(layout, key.bands, state, pose);
-        ASSERT_TRUE(seen) << seen.error().message;
-        for (std::size_t i = 0; i < key.q.size(); ++i) {
-          ASSERT_LE(std::abs(std::int64_t{seen->q[i]} - key.q[i]), 3 * half_spacing);
+        Key base = state.newer;
+        base.step = key.step;
+        const auto residual = encode_residual(layout, base, key, half_spacing).value();
+        EXPECT_LE(residual.payload.size(), 2 + 6 * layout.band_ends.size() + 12 * layout.size());
+        const auto seen = decode_residual(layout, residual.bands, base, residual.payload);
+        ASSERT_TRUE(seen || residual.bands.empty()) << seen.error().message;
+        for (std::size_t i = 0; seen && i < key.q.size(); ++i) {
+          ASSERT_LE(std::abs(std::int64_t{seen->q[i]} - key.q[i]), half_spacing);
         }
         const Bytes payload = encode_key(layout, state, key, 0).value().payload;
         EXPECT_LE(payload.size(), 2 + 5 * layout.band_ends.size() + 7 * layout.size());
@@ -260,11 +261,11 @@ TEST(Chain, EncoderRefusesWhatNoDecoderAccepts) {
   Key key = motion.key(2, 150);
   key.q[5] = (1 << 30) + 1;
   EXPECT_EQ(encode_key(layout, state, key, 0).error().code, ErrorCode::kTooLarge);
-  EXPECT_EQ(encode_pose(layout, state, key, 4).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(encode_residual(layout, state.newer, key, 4).error().code, ErrorCode::kTooLarge);
   key.q.pop_back();
   EXPECT_EQ(encode_key(layout, state, key, 0).error().code, ErrorCode::kInvalidArgument);
-  EXPECT_EQ(encode_pose(layout, state, key, 4).error().code, ErrorCode::kInvalidArgument);
-  EXPECT_EQ(encode_pose(layout, state, motion.key(2, 150), 64).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(encode_residual(layout, state.newer, key, 4).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(encode_residual(layout, state.newer, motion.key(2, 150), 64).error().code, ErrorCode::kInvalidArgument);
 
   const CoefficientLayout narrow = layout_of(CodecKind::kFloat32);
   Key wide = MotionSample(narrow).key(0, 0);

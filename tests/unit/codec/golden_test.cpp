@@ -48,7 +48,8 @@ std::string hex_of(const Bytes& bytes) {
 /// Writes a stream frame by frame as a sender or broker would, and reads each as a receiver would.
 class Stream {
  public:
-  explicit Stream(CoefficientLayout layout, const std::string& more = {}) : layout_(std::move(layout)) {
+  explicit Stream(CoefficientLayout layout, const std::string& more = {}, const VelocityChannels& velocities = {})
+      : layout_(std::move(layout)), velocities_(velocities) {
     frames_ = "format {\"rows\":" + std::to_string(layout_.rows) + ",\"channels\":" + std::to_string(layout_.channels) +
               ",\"band_ends\":" + json_array(layout_.band_ends) + ",\"codec\":\"" +
               std::string(name_of(layout_.codec)) + "\"" + more + "}\n";
@@ -73,22 +74,24 @@ class Stream {
     return key;
   }
 
-  void join() {
+  /// `ahead`: what it shows; {0, 0}: nothing.
+  void join(std::optional<InterpolationStep> ahead = {}) {
     const Bytes payload = encode_join(layout_, *sender_).value();
     const auto bands = sender_->newer.bands;
     const auto decoded = decode_join(layout_, bands, payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
     receiver_ = *decoded;
     receiver_->age_us = sender_->age_us;
-    write({FrameKind::kJoin, 0, bands, {}, 7, 3, sequence_, capture(3, 3), 200, sender_->age_us}, payload,
-          ",\"age_us\":" + std::to_string(sender_->age_us) + ",\"older\":" + json_of(layout_, decoded->older) +
-              ",\"newer\":" + json_of(layout_, decoded->newer));
+    write_key(FrameKind::kJoin, bands, ahead, payload,
+              ",\"age_us\":" + std::to_string(sender_->age_us) + ",\"older\":" + json_of(layout_, decoded->older) +
+                  ",\"newer\":" + json_of(layout_, decoded->newer));
   }
   void first(const Key& key) {
     sender_ = advanced(std::nullopt, key, 0);
     join();
   }
-  void key(const Key& key, std::uint8_t half_spacing, std::uint8_t keep = 255, std::uint8_t flags = 0) {
+  void key(const Key& key, std::uint8_t half_spacing, std::uint8_t keep = 255,
+           std::optional<InterpolationStep> ahead = {}) {
     ++sequence_;
     auto [payload, coded] = encode_key(layout_, *sender_, key, half_spacing).value();
     const BandMask bands = key.bands & keep;
@@ -100,38 +103,35 @@ class Stream {
     }
     receiver_ = advanced(receiver_, *decoded, 30'000);
     sender_ = advanced(sender_, *decoded, 30'000);
-    write({FrameKind::kKey, flags, bands, {}, 7, 3, sequence_, capture(3, 3), 200}, payload,
-          ",\"pose\":" + json_of(layout_, *decoded));
-  }
-  void synthetic(const Key& coming, std::uint8_t at, std::uint8_t of, std::uint8_t half_spacing) {
-    const Key pose = interpolate_keys(layout_, sender_->newer, coming, at, of).value();
-    const auto [payload, coded] = encode_key(layout_, *sender_, pose, half_spacing).value();
-    const auto decoded = decode_key(layout_, pose.bands, *receiver_, payload);
-    ASSERT_TRUE(decoded) << decoded.error().message;
-    ASSERT_EQ(*decoded, coded);
-    ++sequence_;
-    write({FrameKind::kSynthetic, 0, pose.bands, {at, of}, 7, 3, sequence_, capture(at, of), 200}, payload,
-          ",\"pose\":" + json_of(layout_, *decoded));
-    --sequence_;
+    write_key(FrameKind::kKey, bands, ahead, payload, ",\"pose\":" + json_of(layout_, *decoded));
   }
   void step(std::uint8_t at, std::uint8_t of) {
-    const Key pose = interpolate_keys(layout_, receiver_->older, receiver_->newer, at, of).value();
     write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of), 200}, {},
-          ",\"pose\":" + json_of(layout_, pose));
+          ",\"pose\":" + json_of(layout_, made(at, of)));
   }
-
-  void hermite_step(const VelocityChannels& velocities, std::uint8_t at, std::uint8_t of) {
-    const auto& [older, newer, age_us] = *receiver_;
-    const Key pose = hermite_keys(layout_, velocities, older, newer, age_us, at, of).value();
-    ASSERT_NE(pose, interpolate_keys(layout_, older, newer, at, of).value());
-    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of), 200}, {},
-          ",\"pose\":" + json_of(layout_, pose));
+  /// The pose is `away` from the one between the keys, further by one from value to value of `bands`.
+  void residual(std::uint8_t at, std::uint8_t of, BandMask bands, std::int32_t away, std::uint8_t half_spacing) {
+    const Key base = made(at, of);
+    Key pose = base;
+    for (std::size_t band = 0; band < layout_.band_ends.size(); ++band) {
+      const auto [first, last] = layout_.range(band);
+      for (std::size_t i = first; bands.has(band) && i < last; ++i) {
+        if (layout_.is_float()) pose.f[i] += away;
+        if (!layout_.is_float()) pose.q[i] += pose.q[i] > 0 ? -away - static_cast<int>(i) : away;
+      }
+    }
+    const auto [coded, payload] = encode_residual(layout_, base, pose, half_spacing).value();
+    ASSERT_EQ(coded, bands);
+    const auto decoded = decode_residual(layout_, coded, base, payload);
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    for (std::size_t i = 0; i < pose.q.size(); ++i) ASSERT_LE(std::abs(decoded->q[i] - pose.q[i]), half_spacing);
+    ASSERT_EQ(decoded->f, pose.f);
+    write({FrameKind::kStep, 0, coded, {at, of}, 7, 3, sequence_, capture(at, of), 200}, payload,
+          ",\"pose\":" + json_of(layout_, *decoded));
   }
-  void estimate(bool damped, bool in_full, std::uint8_t at, std::uint8_t of) {
+  void estimate(bool damped, std::uint8_t at, std::uint8_t of) {
     const Key pose = estimate_keys(layout_, receiver_->older, receiver_->newer, damped, at, of).value();
-    const Bytes payload = in_full ? encode_key(layout_, *sender_, pose, 0).value().payload : Bytes();
-    const BandMask bands = in_full ? pose.bands : BandMask();
-    write({FrameKind::kEstimate, 0, bands, {at, of}, 7, 3, sequence_, capture(of + at, of), 200}, payload,
+    write({FrameKind::kEstimate, 0, {}, {at, of}, 7, 3, sequence_, capture(of + at, of), 200}, {},
           ",\"pose\":" + json_of(layout_, pose));
   }
 
@@ -152,6 +152,19 @@ class Stream {
     return 1'000'000 + static_cast<TimeUs>(sequence_) * 30'000 - 30'000 + 30'000 * at / of;
   }
 
+  Key made(std::uint8_t at, std::uint8_t of) const {
+    const auto& [older, newer, age_us] = *receiver_;
+    return hermite_keys(layout_, velocities_, older, newer, age_us, at, of).value();
+  }
+
+  void write_key(FrameKind kind, BandMask bands, std::optional<InterpolationStep> ahead, const Bytes& payload,
+                 std::string decoded) {
+    const InterpolationStep step = ahead.value_or(InterpolationStep{});
+    if (step.of != 0) decoded += ",\"shown\":" + json_of(layout_, made(step.at, step.of));
+    const std::uint8_t flags = ahead ? Envelope::kAhead : 0;
+    write({kind, flags, bands, step, 7, 3, sequence_, capture(3, 3), 200, receiver_->age_us}, payload, decoded);
+  }
+
   void write(const Envelope& envelope, const Bytes& payload, const std::string& decoded) {
     Bytes frame;
     append_envelope(envelope, newest_ ? &*newest_ : nullptr, frame);
@@ -161,9 +174,9 @@ class Stream {
     const auto read = resolved(*parsed, newest_ ? &*newest_ : nullptr, 3);
     ASSERT_TRUE(read);
     ASSERT_EQ(read->envelope, envelope);
-    if (envelope.is_key()) newest_ = ChainClock::after(envelope, newest_ ? &*newest_ : nullptr);
+    if (envelope.is_key()) newest_ = ChainClock::after(envelope);
     frames_ += hex_of(frame) + "\n";
-    constexpr const char* kNames[] = {"", "key", "join", "synthetic", "step", "estimate"};
+    constexpr const char* kNames[] = {"", "key", "join", "step", "estimate"};
     poses_ += std::string("{\"kind\":\"") + kNames[static_cast<int>(envelope.kind)] +
               "\",\"flags\":" + std::to_string(envelope.flags) + ",\"bands\":" + std::to_string(envelope.bands.bits) +
               ",\"at\":" + std::to_string(envelope.step.at) + ",\"of\":" + std::to_string(envelope.step.of) +
@@ -172,6 +185,7 @@ class Stream {
   }
 
   CoefficientLayout layout_;
+  VelocityChannels velocities_;
   std::optional<ChainState> sender_, receiver_;
   std::optional<ChainClock> newest_;
   std::uint64_t sequence_ = 1;
@@ -180,14 +194,11 @@ class Stream {
 
 const std::vector<std::uint32_t> kGoldenBandEnds = {2, 4, 6};
 
-TEST(Golden, FullFormFrames) {
+TEST(Golden, KeysAndJoins) {
   Stream stream({CodecKind::kQuantised, 6, 3, kGoldenBandEnds});
   stream.first(stream.pose(0, 120));
   stream.key(stream.pose(1, 120), 4);
-  const Key third = stream.pose(2, 120);
-  stream.synthetic(third, 1, 3, 8);
-  stream.synthetic(third, 2, 3, 8);
-  stream.key(third, 5);
+  stream.key(stream.pose(2, 120), 5);
   stream.join();
   stream.key(stream.pose(3, 117), 1);
   stream.key(stream.pose(4, 130), 0);
@@ -195,7 +206,6 @@ TEST(Golden, FullFormFrames) {
   Key extreme = stream.pose(5, 130);
   extreme.q[4] = 1 << 30;
   extreme.q[17] = -(1 << 30);
-  stream.synthetic(extreme, 7, 15, 63);
   stream.key(extreme, 2);
   stream.key(stream.pose(6, 130), 2, 0b011);
   stream.key(stream.pose(7, 130), 3, 0b001);
@@ -204,29 +214,42 @@ TEST(Golden, FullFormFrames) {
   stream.join();
   for (int time = 9; time < 30; ++time) stream.key(stream.pose(time, 130), static_cast<std::uint8_t>(1 + time % 5));
   stream.key(stream.pose(29, 130), 63);
-  stream.check("quantised-full");
+  stream.check("quantised-keys");
 }
 
-TEST(Golden, CompactFormFrames) {
+TEST(Golden, StepsAndResiduals) {
+  constexpr InterpolationStep kFirst{1, 3}, kNone{};
   Stream stream({CodecKind::kQuantised, 6, 3, kGoldenBandEnds});
   stream.first(stream.pose(0, 120));
   for (int time = 1; time < 4; ++time) {
-    stream.key(stream.pose(time, time == 3 ? 123 : 120), 4, 255, Envelope::kAhead);
-    for (std::uint8_t at = 1; at <= 3; ++at) stream.step(at, 3);
+    stream.key(stream.pose(time, time == 3 ? 123 : 120), 4, 255, kFirst);
+    for (std::uint8_t at = 2; at <= 3; ++at) stream.step(at, 3);
   }
-  stream.check("quantised-compact");
+  stream.key(stream.pose(4, 123), 4, 255, kNone);
+  stream.residual(1, 3, 0b101, 40, 3);
+  stream.residual(2, 3, 0b010, 1'000'000, 63);
+  stream.join(kNone);
+  stream.residual(1, 2, 0b111, 5, 0);
+  stream.join(InterpolationStep{7, 15});
+  Key extreme = stream.pose(5, 123);
+  extreme.q[4] = 1 << 30;
+  extreme.q[17] = -(1 << 30);
+  stream.key(extreme, 0, 0b101, InterpolationStep{14, 15});
+  stream.residual(15, 15, 0b001, 30, 20);
+  stream.step(15, 15);
+  stream.check("quantised-steps");
 }
 
 TEST(Golden, HermiteAndEstimateFrames) {
   // Channels 2 and 3 are the velocities of 0 and 1.
-  const VelocityChannels velocities{2, 12'500};
   Stream hermite({CodecKind::kQuantised, 6, 4, kGoldenBandEnds},
-                 ",\"velocity_channels\":2,\"velocity_us\":12500,\"scheme\":\"hermite\"");
+                 ",\"velocity_channels\":2,\"velocity_us\":12500,\"scheme\":\"hermite\"", {2, 12'500});
   hermite.first(hermite.pose(0, 120));
   for (int time = 1; time < 4; ++time) {
-    hermite.key(hermite.pose(time, time == 3 ? 123 : 120), 0, 255, Envelope::kAhead);
-    for (std::uint8_t at = 1; at < 5; ++at) hermite.hermite_step(velocities, at, 5);
+    hermite.key(hermite.pose(time, time == 3 ? 123 : 120), 0, 255, InterpolationStep{1, 5});
+    for (std::uint8_t at = 2; at < 5; ++at) hermite.step(at, 5);
   }
+  hermite.residual(2, 5, 0b011, 9, 2);
   hermite.check("quantised-hermite");
   for (const bool damped : {false, true}) {
     const std::string scheme = damped ? "damped" : "linear";
@@ -234,7 +257,7 @@ TEST(Golden, HermiteAndEstimateFrames) {
     stream.first(stream.pose(0, 120));
     for (int time = 1; time < 4; ++time) {
       stream.key(stream.pose(time, time == 3 ? 117 : 120), 0, time == 2 ? 0b011 : 255);
-      for (std::uint8_t at = 1; at <= 15; at += 2) stream.estimate(damped, at % 4 == 1, at, 4);
+      for (std::uint8_t at = 1; at <= 15; at += 2) stream.estimate(damped, at, 4);
     }
     stream.check("quantised-estimated-" + scheme);
   }
@@ -245,8 +268,9 @@ TEST(Golden, FloatCodecFrames) {
     Stream stream({codec, 2, 2, {1, 2}});
     stream.first(stream.pose(0, 0));
     stream.key(stream.pose(1, 0), 0);
-    stream.synthetic(stream.pose(2, 0), 1, 2, 0);
-    stream.key(stream.pose(2, 0), 0, 0b01);
+    stream.key(stream.pose(2, 0), 0, 255, InterpolationStep{});
+    stream.residual(1, 2, 0b10, 3, 0);
+    stream.key(stream.pose(3, 0), 0, 0b01);
     stream.join();
     stream.check(std::string(name_of(codec)));
   }

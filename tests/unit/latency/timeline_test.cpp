@@ -124,7 +124,7 @@ TEST(Timeline, HoldIsEqualWithinAnInterval) {
       const TimeUs due = media + 2 * kInterval / 3 + 800 + 4000;
       const InterpolationStep step = at == 3 ? InterpolationStep{} : InterpolationStep{at, 3};
       line.add(brokers(s, step.byte(), arrived, due, due + 70));
-      line.add(received(at == 3 ? FrameKind::kKey : FrameKind::kSynthetic, s, step, media, due + 200));
+      line.add(received(at == 3 ? FrameKind::kKey : FrameKind::kStep, s, step, media, due + 200));
     }
   }
   const auto poses = line.take();

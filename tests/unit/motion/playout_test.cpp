@@ -69,6 +69,31 @@ TEST(Playout, LatestShowsTheNewestAsItIs) {
   EXPECT_EQ(playout.at(200 * kMs)->coefficients, pose_at(kPlayoutInterval).coefficients);
 }
 
+TEST(Playout, MovesTowardsAKeyThatCameAhead) {
+  const auto at = [](TimeUs media_us, double value) { return PlayoutPose{kPlayoutZero + media_us, {value}}; };
+  for (const auto mode : {PlayoutMode::kLatest, PlayoutMode::kInterpolate, PlayoutMode::kEstimate}) {
+    Playout playout = player(mode, 10 * kMs);
+    const bool latest = mode == PlayoutMode::kLatest;
+    const auto shown = [&](TimeUs now_us) { return playout.at(now_us)->coefficients[0]; };
+    playout.add_next(at(20 * kMs, 9));  // No pose yet: dropped.
+    playout.add(at(0, 0), 100 * kMs);
+    playout.add(at(40 * kMs, 0.4), 140 * kMs);
+    EXPECT_NEAR(shown(150 * kMs), 0.4, 1e-9);
+    playout.add_next(at(80 * kMs, 0.8));
+    EXPECT_NEAR(shown(170 * kMs), latest ? 0.4 : 0.6, 1e-9);
+    EXPECT_TRUE(playout.add(at(70 * kMs, 0.7), 170 * kMs)) << "a pose on the way to it";
+    EXPECT_FALSE(playout.add(at(69 * kMs, 7), 171 * kMs));
+    EXPECT_NEAR(shown(185 * kMs), latest ? 0.7 : 0.75, 1e-9);
+    EXPECT_TRUE(playout.add(at(80 * kMs, 0.8), 186 * kMs)) << "the key itself";
+    EXPECT_FALSE(playout.add(at(80 * kMs, 0.8), 187 * kMs));
+    const double beyond = shown(200 * kMs);
+    EXPECT_TRUE(mode == PlayoutMode::kEstimate ? beyond > 0.81 : std::abs(beyond - 0.8) < 1e-9) << beyond;
+    playout.add_next(at(120 * kMs, 1.2));
+    EXPECT_TRUE(playout.add(at(130 * kMs, 1.3), 230 * kMs)) << "the poses up to the key were lost";
+    EXPECT_FALSE(playout.add(at(125 * kMs, 1.2), 231 * kMs));
+  }
+}
+
 TEST(Playout, MovesEvenlyUnderJitter) {
   std::mt19937 random(2);
   std::uniform_int_distribution<TimeUs> jitter(0, 30 * kMs);

@@ -42,20 +42,24 @@ class Coder {
     return k;
   }
 
-  CodedFrame next_key(std::uint8_t flags = 0) {
+  CodedFrame next_key(std::uint8_t flags = 0, InterpolationStep shows = {}) {
     const Key k = key(++sequence_);
     Bytes payload = state_ ? encode_key(layout, *state_, k, 0)->payload : Bytes();
     const bool join = !state_;
     state_ = advanced(std::move(state_), k, join ? 0 : 33'333);
     if (join) payload = *encode_join(layout, *state_);
-    return frame(join ? FrameKind::kJoin : FrameKind::kKey, flags, {}, payload, sequence_);
+    return frame(join ? FrameKind::kJoin : FrameKind::kKey, flags, shows, payload, sequence_);
   }
-  CodedFrame join(std::uint8_t flags = 0) {
-    return frame(FrameKind::kJoin, flags, {}, *encode_join(layout, *state_), sequence_);
+  CodedFrame join(std::uint8_t flags = 0, InterpolationStep shows = {}) {
+    return frame(FrameKind::kJoin, flags, shows, *encode_join(layout, *state_), sequence_);
   }
-  CodedFrame synthetic(std::uint8_t at, std::uint8_t of) {
-    const Key between = *interpolate_keys(layout, state_->newer, key(sequence_ + 1), at, of);
-    return frame(FrameKind::kSynthetic, 0, {at, of}, encode_key(layout, *state_, between, 0)->payload, sequence_ + 1);
+  /// A step to `pose`.
+  CodedFrame residual(std::uint8_t at, std::uint8_t of, const Key& pose) {
+    const Key base = *interpolate_keys(layout, state_->older, state_->newer, at, of);
+    const auto coded = *encode_residual(layout, base, pose, 0);
+    CodedFrame out = frame(FrameKind::kStep, 0, {at, of}, coded.payload, sequence_);
+    out.envelope.bands = coded.bands;
+    return out;
   }
   CodedFrame step(std::uint8_t at, std::uint8_t of) { return frame(FrameKind::kStep, 0, {at, of}, {}, sequence_); }
   std::uint64_t sequence() const { return sequence_; }
@@ -110,24 +114,38 @@ TEST_F(Decoding, KeyAfterAGapNeedsAJoin) {
   EXPECT_EQ(decoder_.counts().missed, 2u);
 }
 
-TEST_F(Decoding, SyntheticFramesNeedTheKeyBeforeThem) {
+TEST_F(Decoding, ResidualsMakeAnyPose) {
   decode(coder_.next_key());
-  EXPECT_EQ(decode(coder_.synthetic(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
-  EXPECT_EQ(decode(coder_.next_key()), Coder::key(2)) << "no harm from the synthetic frame";
+  const Key pose = *interpolate_keys(coder_.layout, Coder::key(2), Coder::key(5), 1, 3);
+  EXPECT_FALSE(decode(coder_.next_key(Envelope::kAhead)));
+  const CodedFrame step = coder_.residual(1, 3, pose);
+  EXPECT_EQ(decode(step), pose);
+  EXPECT_EQ(decode(coder_.step(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
+  CodedFrame bad = step;
+  bad.payload.pop_back();
+  EXPECT_FALSE(decoder_.decode(bad.view()));
   const CodedFrame lost = coder_.next_key();
-  EXPECT_FALSE(decode(coder_.synthetic(2, 3)));
-  EXPECT_EQ(decode(lost), Coder::key(3)) << "an undecodable synthetic frame leaves the chain alone";
+  EXPECT_FALSE(decode(coder_.step(2, 3)));
+  EXPECT_EQ(decode(lost), Coder::key(3)) << "an undecodable step leaves the chain alone";
 }
 
-TEST_F(Decoding, CompactStepsLeadUpToKeysSentAhead) {
+TEST_F(Decoding, KeysSentAheadShowAStepOrNothing) {
   decode(coder_.next_key());
-  EXPECT_FALSE(decode(coder_.next_key(Envelope::kAhead))) << "not to be shown when it comes";
+  EXPECT_EQ(decoder_.take_ahead(), nullptr);
+  EXPECT_FALSE(decode(coder_.next_key(Envelope::kAhead)));
+  ASSERT_NE(decoder_.take_ahead(), nullptr);
+  EXPECT_EQ(decoder_.take_ahead(), nullptr) << "taken";
   EXPECT_EQ(decode(coder_.step(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
   EXPECT_EQ(decode(coder_.step(3, 3)), Coder::key(2));
   const CodedFrame late = coder_.step(3, 3);
-  decode(coder_.next_key(Envelope::kAhead));
+  EXPECT_EQ(decode(coder_.next_key(Envelope::kAhead, {1, 3})),
+            *interpolate_keys(coder_.layout, Coder::key(2), Coder::key(3), 1, 3));
+  EXPECT_EQ(*decoder_.take_ahead(), Coder::key(3));
   EXPECT_FALSE(decode(late)) << "a step of the interval before";
-  EXPECT_EQ(decoder_.counts().synthetic, 2u);
+  EXPECT_EQ(decoder_.counts().synthetic, 3u);
+  decoder_.restart();
+  EXPECT_EQ(decode(coder_.join(Envelope::kAhead, {2, 3})),
+            *interpolate_keys(coder_.layout, Coder::key(2), Coder::key(3), 2, 3));
 }
 
 TEST_F(Decoding, JoinIsDecodableAtAnyMoment) {

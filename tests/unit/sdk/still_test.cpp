@@ -21,7 +21,6 @@ using testing::LoopbackBroker;
 using testing::milliseconds;
 
 using Rate = Profile::Rate;
-using Form = Profile::Form;
 using Scheme = Profile::Scheme;
 
 constexpr double kError = 0.002;
@@ -57,10 +56,9 @@ TEST(Still, ShownPosesStayWithinTheBound) {
   ASSERT_TRUE(eventually([&] { return (*publisher)->stats().state == Publisher::State::kLive; }));
 
   std::vector<Watch> watches;
-  for (const Profile& profile : {Profile{Rate::kRaw}, Profile{}, Profile{Rate::kInterpolated, 3, Form::kCompact},
-                                 Profile{Rate::kInterpolated, 4, Form::kFull, 8, Scheme::kCatmullRom},
-                                 Profile{Rate::kEstimated, 3, Form::kFull, 8, Scheme::kDamped},
-                                 Profile{Rate::kEstimated, 3, Form::kCompact, 8, Scheme::kLinear}}) {
+  for (const Profile& profile :
+       {Profile{Rate::kRaw}, Profile{}, Profile{Rate::kInterpolated, 4, 8, Scheme::kCatmullRom},
+        Profile{Rate::kEstimated, 3, 8, Scheme::kDamped}, Profile{Rate::kEstimated, 3, 8, Scheme::kLinear}}) {
     auto subscriber = Subscriber::create({options.url, profile, {}});
     ASSERT_TRUE(subscriber) << subscriber.error().message;
     watches.push_back({profile, std::move(*subscriber), {}});

@@ -195,13 +195,11 @@ TEST(Stream, QuantisedPosesEqualThePublishersPrediction) {
   }
 }
 
-class Forms : public ::testing::TestWithParam<Profile::Form> {};
-
-TEST_P(Forms, InterpolatedPosesFollowEquation7) {
+TEST(Stream, InterpolatedPosesFollowEquation7) {
   LoopbackBroker broker;
   Sender sender(broker, 40);
   ASSERT_TRUE(sender.send_first());
-  const auto subscriber = subscribe(broker, {Profile::Rate::kInterpolated, 3, GetParam(), 8});
+  const auto subscriber = subscribe(broker, {Profile::Rate::kInterpolated, 3});
   std::size_t checked = 0;
   for (const auto& p : exchange(sender, *subscriber, 90, milliseconds(20))) {
     if (p.envelope.step.at == p.envelope.step.of) {
@@ -219,8 +217,6 @@ TEST_P(Forms, InterpolatedPosesFollowEquation7) {
   EXPECT_GT(checked, 20u);
   EXPECT_GT(subscriber->stats().synthetic, 20u);
 }
-
-INSTANTIATE_TEST_SUITE_P(FullAndCompact, Forms, ::testing::Values(Profile::Form::kFull, Profile::Form::kCompact));
 
 TEST(Stream, AbsentBandsReadAsTheRestPose) {
   LoopbackBroker broker;

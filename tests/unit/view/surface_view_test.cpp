@@ -120,12 +120,10 @@ TEST_F(SurfaceViews, AllTrianglesStayBelowTheLevel) {
   }
 }
 
-TEST_F(SurfaceViews, FramesAheadAndOfWrongSizeAreNotShown) {
-  ReceivedPose ahead = sphere_pose(source_.asset_, 1, 1000, 0.5);
-  ahead.envelope.flags = Envelope::kAhead;
+TEST_F(SurfaceViews, PosesOfWrongSizeAreNotShown) {
   ReceivedPose wrong = sphere_pose(source_.asset_, 2, 2000, 0.5);
   wrong.coefficients.edit().resize(12);
-  source_.batches.push_back({ahead, wrong});
+  source_.batches.push_back({wrong});
   turn(2000);
   EXPECT_EQ(scene_.poses_shown(), 0u);
   EXPECT_EQ(scene_.poses_unusable(), 1u);
@@ -231,17 +229,13 @@ TEST_F(SurfaceViews, FadeEndsWithoutStreamInfo) {
   EXPECT_FALSE(turn(4000));
 }
 
-TEST_F(SurfaceViews, BandsOfStepsAreThoseOfTheirKey) {
+TEST_F(SurfaceViews, BandsOfStepsAreFollowed) {
   const auto key = [&](std::uint64_t sequence, TimeUs time_us, std::uint8_t bands) {
-    ReceivedPose made = sphere_pose(source_.asset_, sequence, time_us, 1);
-    made.envelope.flags = Envelope::kAhead;
-    made.envelope.bands = bands;
-    ReceivedPose step = made;
+    ReceivedPose step = sphere_pose(source_.asset_, sequence, time_us, 1);
     step.envelope.kind = FrameKind::kStep;
-    step.envelope.flags = 0;
-    step.envelope.bands = 0;
+    step.envelope.bands = bands;
     if (bands == 3) step.coefficients.edit()[5 * 3 + 1] = 0.6;
-    return std::vector<ReceivedPose>{made, step};
+    return std::vector<ReceivedPose>{step};
   };
   source_.batches.push_back(key(1, 1'000'000, 3));
   turn(1'000'000);
@@ -253,6 +247,25 @@ TEST_F(SurfaceViews, BandsOfStepsAreThoseOfTheirKey) {
   EXPECT_EQ(scene_.bands_received(), 1u);
   turn(1'135'000);
   EXPECT_NEAR(height(), 1.2, 0.01);
+}
+
+TEST(SurfaceViewInterpolated, MovesTowardsAKeySentAhead) {
+  FakeSource source(sphere_asset(2));
+  SceneOptions options;
+  options.playout.mode = PlayoutMode::kInterpolate;
+  options.playout.delay_us = 20'000;
+  SurfaceView scene(options);
+  ReceivedPose step = sphere_pose(source.asset_, 1, 100'000, 0.5);
+  step.envelope.kind = FrameKind::kStep;
+  step.next = {140'000, 3, sphere_pose(source.asset_, 1, 140'000, 0.9).coefficients};
+  source.batches.push_back({step});
+  scene.receive(source, source.poll({}));
+  testing::advance(scene, source, 120'000);
+  testing::advance(scene, source, 150'000);  // Media time 130 ms: three quarters of the way.
+  float highest = 0;
+  for (std::size_t i = 1; i < scene.geometry().positions.size(); i += 3)
+    highest = std::max(highest, scene.geometry().positions[i]);
+  EXPECT_NEAR(highest, 0.8, 0.02);
 }
 
 TEST(SurfaceViewInterpolated, ShowsPosesBetweenArrivals) {

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <deque>
 #include <map>
 #include <memory>
@@ -15,30 +14,25 @@
 namespace eigencast {
 namespace {
 
-const FrameKind kKinds[] = {FrameKind::kKey, FrameKind::kJoin, FrameKind::kSynthetic, FrameKind::kStep,
-                            FrameKind::kEstimate};
+const FrameKind kKinds[] = {FrameKind::kKey, FrameKind::kJoin, FrameKind::kStep, FrameKind::kEstimate};
 /// Keys 33,333 us apart.
 const ChainClock kNewest{0x1112131415161718, 5'000'000, 33'333};
-
-bool precedes_key(FrameKind kind) {
-  return kind == FrameKind::kKey || kind == FrameKind::kSynthetic;
-}
 
 Envelope sample(FrameKind kind) {
   Envelope envelope;
   envelope.kind = kind;
-  envelope.bands = kind == FrameKind::kStep ? 0 : 0x0f;
+  if (envelope.is_key()) envelope.bands = 0x0f;
   if (!envelope.is_key()) envelope.step = {2, 3};
   envelope.stream_id = 0x0304;
   envelope.tag = 0xa5;
   envelope.epoch = 7;
-  envelope.sequence = kNewest.sequence + (precedes_key(kind) ? 1 : 0);
+  envelope.sequence = kNewest.sequence + (kind == FrameKind::kKey ? 1 : 0);
   const TimeUs part = part_of(kNewest.age_us, {2, 3});
   envelope.capture_us = kind == FrameKind::kKey    ? kNewest.capture_us + kNewest.age_us
                         : kind == FrameKind::kJoin ? kNewest.capture_us
                         : kind == FrameKind::kStep ? kNewest.capture_us - kNewest.age_us + part
                                                    : kNewest.capture_us + part;
-  if (kind == FrameKind::kJoin) envelope.age_us = kNewest.age_us;
+  if (envelope.is_key()) envelope.age_us = kNewest.age_us;
   return envelope;
 }
 
@@ -64,12 +58,15 @@ Result<WireFrame> parsed(const Bytes& frame) {
 TEST(Envelope, ProtocolDocumentsExamples) {
   Envelope step = sample(FrameKind::kStep);
   step.stream_id = 7;
-  EXPECT_EQ(frame_of(step, {}), (Bytes{4, 7, 0xa5, 0x18, 0x23}));
+  EXPECT_EQ(frame_of(step, {}), (Bytes{3, 7, 0xa5, 0x18, 0x23}));
   Envelope key = sample(FrameKind::kKey);
   key.stream_id = 7;
   key.flags = Envelope::kAhead;
+  key.step = {1, 3};
   key.capture_us -= 100;
-  EXPECT_EQ(frame_of(key, {}), (Bytes{9, 7, 0xa5, 0x19, 0x0f, 0xc7, 0x01}));
+  EXPECT_EQ(frame_of(key, {}), (Bytes{9, 7, 0xa5, 0x19, 0x13, 0x0f, 0xc7, 0x01}));
+  step.bands = 5;
+  EXPECT_EQ(frame_of(step, {}), (Bytes{19, 7, 0xa5, 0x18, 0x23, 5}));
 }
 
 TEST(Envelope, EnvelopesAreShort) {
@@ -81,13 +78,10 @@ TEST(Envelope, EnvelopesAreShort) {
     for (const FrameKind kind : kKinds) {
       Envelope envelope = sample(kind);
       envelope.stream_id = id;
-      envelope.sequence = newest.sequence + (precedes_key(kind) ? 1 : 0);
+      envelope.sequence = newest.sequence + (kind == FrameKind::kKey ? 1 : 0);
       envelope.capture_us = newest.capture_us + 1 + static_cast<TimeUs>(random() % 1'000'000);
       envelope.age_us = kind == FrameKind::kJoin ? newest.age_us : 0;
-      const std::size_t most = kind == FrameKind::kJoin   ? 22
-                               : kind == FrameKind::kKey  ? 9
-                               : kind == FrameKind::kStep ? 6
-                                                          : 10;
+      const std::size_t most = kind == FrameKind::kJoin ? 22 : kind == FrameKind::kKey ? 9 : 6;
       EXPECT_LE(frame_of(envelope, {}, newest).size(), most) << static_cast<int>(kind);
     }
   }
@@ -103,9 +97,13 @@ TEST(Envelope, EachKindRoundTrips) {
     const int bits = static_cast<int>(1 + random() % 57);
     const TimeUs age = below(1ULL << bits);
     const ChainClock newest{random() >> (random() % 60) >> 2, age + below(1ULL << 57), age};
-    Envelope envelope = sample(kKinds[random() % 5]);
-    if (envelope.is_key() && random() % 2 == 0) envelope.flags = Envelope::kAhead;
-    if (envelope.kind == FrameKind::kEstimate && random() % 2 == 0) envelope.bands = 0;
+    Envelope envelope = sample(kKinds[random() % 4]);
+    if (envelope.kind == FrameKind::kStep && random() % 2 == 0) envelope.bands = 0x0f;
+    if (envelope.is_key() && random() % 2 == 0) {
+      envelope.flags = Envelope::kAhead;
+      const auto of = static_cast<std::uint8_t>(2 + random() % 14);
+      if (random() % 2 == 0) envelope.step = {static_cast<std::uint8_t>(1 + random() % (of - 1)), of};
+    }
     if (!envelope.is_key()) {
       envelope.step.of = static_cast<std::uint8_t>(1 + random() % 15);
       const bool beyond = envelope.kind == FrameKind::kEstimate;
@@ -113,15 +111,13 @@ TEST(Envelope, EachKindRoundTrips) {
     }
     envelope.stream_id = static_cast<std::uint32_t>(random());
     envelope.tag = static_cast<std::uint8_t>(random());
-    envelope.sequence = newest.sequence + (precedes_key(envelope.kind) ? 1 : 0);
+    envelope.sequence = newest.sequence + (envelope.kind == FrameKind::kKey ? 1 : 0);
     const TimeUs part = envelope.is_key() ? 0 : part_of(age, envelope.step);
     envelope.age_us = 0;
     switch (envelope.kind) {
       case FrameKind::kKey:
-        envelope.capture_us = newest.capture_us + 1 + below(1ULL << bits);
-        break;
-      case FrameKind::kSynthetic:
-        envelope.capture_us = below(1ULL << 58);
+        envelope.age_us = 1 + below(1ULL << bits);
+        envelope.capture_us = newest.capture_us + envelope.age_us;
         break;
       case FrameKind::kJoin:
         envelope.sequence = random();
@@ -170,31 +166,40 @@ TEST(Envelope, UnknownKindsAndReservedFlagsAreRejected) {
   for (const FrameKind kind : kKinds) {
     for (int flags = 0; flags < 32; ++flags) {
       const auto byte = static_cast<std::uint8_t>(static_cast<int>(kind) | flags << 3);
-      const bool ahead = flags == 1 && sample(kind).is_key(), estimate = kind == FrameKind::kEstimate;
-      EXPECT_EQ(with_byte(kind, 0, byte).has_value(), estimate ? flags == 2 : flags == 0 || ahead) << int{byte};
+      // The byte of the bands serves as step, and the next one as bands.
+      Bytes frame = frame_of(sample(kind), payload_of(sample(kind)));
+      frame[0] = byte;
+      if (flags == 1) frame.insert(frame.begin() + (kind == FrameKind::kJoin ? 4 : 5), 0x13);
+      if (flags == 2) frame.insert(frame.end(), {1, 9});
+      const bool ahead = flags == 1 && sample(kind).is_key(), residual = flags == 2 && kind == FrameKind::kStep;
+      EXPECT_EQ(parsed(frame).has_value(), flags == 0 || ahead || residual) << int{byte};
     }
   }
-  for (const int kind : {0, 6, 7}) EXPECT_FALSE(with_byte(FrameKind::kKey, 0, static_cast<std::uint8_t>(kind)));
+  for (const int kind : {0, 5, 6, 7}) EXPECT_FALSE(with_byte(FrameKind::kKey, 0, static_cast<std::uint8_t>(kind)));
 }
 
 TEST(Envelope, StepMustSuitTheKind) {
   for (int step = 0; step < 256; ++step) {
     const auto byte = static_cast<std::uint8_t>(step);
     const bool beyond = (step >> 4) >= 1 && (step & 15) >= 1, between = beyond && (step >> 4) <= (step & 15);
-    EXPECT_EQ(with_byte(FrameKind::kSynthetic, 5, byte).has_value(), between) << step;
     EXPECT_EQ(with_byte(FrameKind::kStep, 5, byte).has_value(), between) << step;
     EXPECT_EQ(with_byte(FrameKind::kEstimate, 5, byte).has_value(), beyond) << step;
+    Envelope key = sample(FrameKind::kKey);
+    key.flags = Envelope::kAhead;
+    Bytes frame = frame_of(key, payload_of(key));
+    frame[5] = byte;
+    EXPECT_EQ(parsed(frame).has_value(), step == 0 || (between && (step >> 4) < (step & 15))) << step;
   }
 }
 
 TEST(Envelope, BandsAndPayloadBelongTogether) {
   EXPECT_FALSE(with_byte(FrameKind::kKey, 5, 0));
-  EXPECT_FALSE(with_byte(FrameKind::kEstimate, 6, 0));
-  Envelope estimate = sample(FrameKind::kEstimate);
+  Envelope residual = sample(FrameKind::kStep);
+  residual.bands = 1;
+  EXPECT_TRUE(parsed(frame_of(residual, {0})));
+  EXPECT_FALSE(parsed(frame_of(residual, {})));
   EXPECT_FALSE(parsed(frame_of(sample(FrameKind::kKey), {})));
-  EXPECT_FALSE(parsed(frame_of(estimate, {})));
-  estimate.bands = 0;
-  for (const Envelope& bare : {sample(FrameKind::kStep), estimate}) {
+  for (const Envelope& bare : {sample(FrameKind::kStep), sample(FrameKind::kEstimate)}) {
     EXPECT_TRUE(parsed(frame_of(bare, {})));
     EXPECT_FALSE(parsed(frame_of(bare, {0})));
   }
@@ -220,7 +225,7 @@ TEST(Envelope, LimitsOfSizeAndTime) {
 TEST(Envelope, TimesBeyondTheRangeAreNotResolved) {
   const TimeUs max = limits::kMaxTimeUs;
   for (const ChainClock& newest : {ChainClock{5, max, max}, ChainClock{5, max, 1}, ChainClock{5, max, max / 16}}) {
-    for (const FrameKind kind : {FrameKind::kKey, FrameKind::kSynthetic, FrameKind::kEstimate}) {
+    for (const FrameKind kind : {FrameKind::kKey, FrameKind::kEstimate}) {
       WireFrame frame;
       frame.envelope.kind = kind;
       frame.check = kind == FrameKind::kEstimate ? 5 : 6;
@@ -302,7 +307,7 @@ class History {
   Envelope head(FrameKind kind) {
     Envelope out = envelope_;
     out.kind = kind;
-    out.bands = kind == FrameKind::kStep ? 0 : 1;
+    out.bands = kind == FrameKind::kEstimate ? 0 : 1;
     out.sequence = sequence_;
     out.capture_us = now_us_;
     return out;
@@ -316,25 +321,30 @@ class History {
     Envelope out = head(FrameKind::kJoin);
     out.age_us = static_cast<TimeUs>(random_() % 2 == 0 ? 0 : random_() % std::min<TimeUs>(now_us_ + 1, 100'000));
     const Sent sent = frame(out);
-    newest_ = ChainClock::after(out, nullptr);
+    newest_ = ChainClock::after(out);
     gap_ = false;
     return sent;
   }
   Sent key() {
     advance();
-    const Envelope out = head(FrameKind::kKey);
+    Envelope out = head(FrameKind::kKey);
+    out.age_us = now_us_ - newest_->capture_us;
+    if (random_() % 2 == 0) {
+      out.flags = Envelope::kAhead;
+      out.step = {1, 3};
+    }
     const Sent sent = frame(out);
-    newest_ = ChainClock::after(out, &*newest_);
+    newest_ = ChainClock::after(out);
     return sent;
   }
   Sent made() {
-    const FrameKind kind = std::array{FrameKind::kSynthetic, FrameKind::kStep, FrameKind::kEstimate}[random_() % 3];
+    const FrameKind kind = random_() % 2 == 0 ? FrameKind::kStep : FrameKind::kEstimate;
     Envelope out = head(kind);
+    if (random_() % 2 == 0) out.bands = 0;
     out.step = {static_cast<std::uint8_t>(1 + random_() % 3), 3};
     const TimeUs part = part_of(newest_->age_us, out.step);
-    out.sequence = newest_->sequence + (kind == FrameKind::kSynthetic ? 1 : 0);
+    out.sequence = newest_->sequence;
     out.capture_us = newest_->capture_us + part - (kind == FrameKind::kStep ? newest_->age_us : 0);
-    if (kind == FrameKind::kSynthetic) out.capture_us += static_cast<TimeUs>(random_() % 1000);
     return frame(out);
   }
 

@@ -48,20 +48,15 @@ TEST(Format, EachFieldIsChecked) {
 
 TEST(ProfileQuery, ReadsWhatItWrites) {
   for (const Profile::Rate rate : {Profile::Rate::kRaw, Profile::Rate::kInterpolated}) {
-    for (const Profile::Form form : {Profile::Form::kFull, Profile::Form::kCompact}) {
-      for (std::uint8_t k = 2; k <= limits::kMaxInterpolation; ++k) {
-        for (std::uint8_t bands = 1; bands <= limits::kMaxBands; ++bands) {
-          Profile profile;
-          profile.rate = rate;
-          profile.bands = bands;
-          if (rate == Profile::Rate::kInterpolated) {
-            profile.k = k;
-            profile.form = form;
-          }
-          const auto read = profile_from_query(query_from_profile(profile));
-          ASSERT_TRUE(read) << read.error().message;
-          EXPECT_EQ(*read, profile);
-        }
+    for (std::uint8_t k = 2; k <= limits::kMaxInterpolation; ++k) {
+      for (std::uint8_t bands = 1; bands <= limits::kMaxBands; ++bands) {
+        Profile profile;
+        profile.rate = rate;
+        profile.bands = bands;
+        if (rate == Profile::Rate::kInterpolated) profile.k = k;
+        const auto read = profile_from_query(query_from_profile(profile));
+        ASSERT_TRUE(read) << read.error().message;
+        EXPECT_EQ(*read, profile);
       }
     }
   }
@@ -72,8 +67,7 @@ TEST(ProfileQuery, DefaultsAndShortForms) {
   EXPECT_EQ(profile_from_query("rate=3").value(), Profile{});
   EXPECT_EQ(profile_from_query("rate=5").value().k, 5);
   EXPECT_EQ(profile_from_query("rate=1").value().rate, Profile::Rate::kRaw);
-  EXPECT_EQ(profile_from_query("form=compact&&bands=2&").value(),
-            (Profile{Profile::Rate::kInterpolated, 3, Profile::Form::kCompact, 2}));
+  EXPECT_EQ(profile_from_query("k=4&&bands=2&").value(), (Profile{Profile::Rate::kInterpolated, 4, 2}));
 }
 
 TEST(ProfileQuery, RefusalsNameTheParameter) {
@@ -85,7 +79,7 @@ TEST(ProfileQuery, RefusalsNameTheParameter) {
                                          {"k=3x", "k"},
                                          {"k=", "k"},
                                          {"k", "k"},
-                                         {"form=short", "form"},
+                                         {"form=compact", "form"},
                                          {"bands=0", "bands"},
                                          {"bands=9", "bands"},
                                          {"bands=-1", "bands"},
@@ -94,7 +88,6 @@ TEST(ProfileQuery, RefusalsNameTheParameter) {
                                          {"rate=raw&scheme=linear", "rate=raw"},
                                          {"scheme=cubic", "scheme"},
                                          {"scheme=damped", "damped"},
-                                         {"scheme=catmull-rom&form=compact", "form=full"},
                                          {"rate=estimated&scheme=hermite", "hermite"}}) {
     const auto read = profile_from_query(query);
     ASSERT_FALSE(read) << query;
@@ -107,9 +100,8 @@ TEST(ProfileSchemes, DefaultsFollowTheRate) {
   using Scheme = Profile::Scheme;
   EXPECT_EQ(profile_from_query("rate=estimated")->scheme, Scheme::kDamped);
   EXPECT_EQ(profile_from_query("rate=estimated&k=5&scheme=linear").value(),
-            (Profile{Profile::Rate::kEstimated, 5, Profile::Form::kFull, 8, Scheme::kLinear}));
-  for (const char* query : {"rate=estimated", "rate=estimated&scheme=linear", "scheme=catmull-rom",
-                            "scheme=hermite&form=compact", "rate=estimated&form=compact"}) {
+            (Profile{Profile::Rate::kEstimated, 5, 8, Scheme::kLinear}));
+  for (const char* query : {"rate=estimated", "rate=estimated&scheme=linear", "scheme=catmull-rom", "scheme=hermite"}) {
     const Profile profile = profile_from_query(query).value();
     EXPECT_EQ(profile_from_query(query_from_profile(profile)).value(), profile) << query;
     const auto text = text_from_control(control::Subscribe{"a", profile});

@@ -98,7 +98,7 @@ TEST(Follower, OtherEpochsAndKindsAreDropped) {
   EXPECT_TRUE(follower.take(message(FrameKind::kKey, 2, kEpoch - 1)).empty());
   EXPECT_TRUE(follower.take(message(FrameKind::kJoin, 9, kEpoch + 1)).empty());
   Bytes step = key(2);
-  step[Follower::kHeadBytes] = static_cast<std::uint8_t>(FrameKind::kSynthetic);
+  step[Follower::kHeadBytes] = static_cast<std::uint8_t>(FrameKind::kStep);
   step[Follower::kHeadBytes + 4] = 0x13;
   EXPECT_TRUE(follower.take(std::move(step)).empty());
   EXPECT_TRUE(follower.take({}).empty());

@@ -14,8 +14,8 @@ namespace {
 using testing::FakeAccount;
 using testing::FakeReceiver;
 using testing::FakeSender;
-using testing::kFull;
 using testing::kInterval;
+using testing::kLinear;
 using testing::kRaw;
 using testing::large_announce;
 using testing::small_announce;
@@ -29,7 +29,7 @@ TEST(HubTest, PumpsStreamsWhenDue) {
     streams.push_back(*hub.open("s" + std::to_string(i)));
     ASSERT_TRUE(streams[i]->claim(senders[i]));
     ASSERT_TRUE(streams[i]->announce(small_announce(), 1));
-    ASSERT_TRUE(streams[i]->watch(receivers[i], i == 2 ? kRaw : kFull));
+    ASSERT_TRUE(streams[i]->watch(receivers[i], i == 2 ? kRaw : kLinear));
   }
   // Keys of stream 1 come a third of an interval behind those of stream 0.
   TimeUs now = 1'000'000;

@@ -31,10 +31,10 @@ class LadderTest : public ::testing::Test {
     return -1;
   }
   Ladder::Counts counts_;
-  Ladder ladder_{Profile{}};
+  Ladder ladder_{Profile{.scheme = Profile::Scheme::kCatmullRom}};
 };
 
-TEST_F(LadderTest, DescendsFromFullToFewerBands) {
+TEST_F(LadderTest, DescendsFromAskedToFewerBands) {
   std::vector<Profile> seen;
   while (const auto step = bad_seconds(2)) {
     EXPECT_TRUE(step->down);
@@ -42,11 +42,9 @@ TEST_F(LadderTest, DescendsFromFullToFewerBands) {
     seen.push_back(step->profile);
     ASSERT_LT(seen.size(), 10u);
   }
-  Profile compact;
-  compact.form = Profile::Form::kCompact;
   Profile raw;
   raw.rate = Profile::Rate::kRaw;
-  std::vector<Profile> wanted{compact, raw};
+  std::vector<Profile> wanted{Profile{}, raw};
   for (const std::uint8_t bands : {3, 2, 1}) {
     raw.bands = bands;
     wanted.push_back(raw);
@@ -85,6 +83,16 @@ TEST_F(LadderTest, ClimbsMoreSlowlyAfterRelapses) {
     EXPECT_EQ(ladder_.rung(), 0u);
   }
   EXPECT_LE(last, 160);
+}
+
+TEST(LadderOfOthersTest, WhatNeedsNoResidualsGoesToRaw) {
+  for (const char* query : {"", "scheme=hermite", "rate=estimated", "rate=estimated&scheme=linear"}) {
+    Ladder ladder(profile_from_query(query).value());
+    EXPECT_FALSE(ladder.check({10, 10, 5}, 4));
+    const auto step = ladder.check({20, 20, 10}, 4);
+    ASSERT_TRUE(step) << query;
+    EXPECT_EQ(step->profile, profile_from_query("rate=raw").value()) << query;
+  }
 }
 
 TEST(LadderOfOthersTest, TopRungIsTheRequestedProfile) {

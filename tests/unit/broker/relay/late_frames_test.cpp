@@ -127,7 +127,7 @@ TEST(LateFrames, NoneIsTakenForAnother) {
       const bool live = stream != nullptr && stream->state() == control::StreamInfo::State::kLive;
       const unsigned what = below(100);
       if (what < 2) {
-        viewer.subscribe(name, std::array{kRaw, kFull, kCompact}[below(3)]);
+        viewer.subscribe(name, std::array{kRaw, kLinear, kCurved}[below(3)]);
       } else if (what == 2) {
         viewer.unsubscribe(name);
       } else if (what == 3 && live) {

@@ -17,7 +17,7 @@ using testing::FakeAccount;
 using testing::FakeReceiver;
 using testing::FakeSender;
 using testing::key_number;
-using testing::kFull;
+using testing::kLinear;
 using testing::kRaw;
 using testing::large_announce;
 using testing::large_message;
@@ -145,7 +145,7 @@ TEST_F(MirrorTest, LoopsMakeTheSameFrames) {
   std::array<Viewer, 3> full;
   for (std::size_t loop = 0; loop < 3; ++loop) {
     watch(raw[loop], loop, kRaw);
-    watch(full[loop], loop, kFull);
+    watch(full[loop], loop, kLinear);
   }
   flush();
   for (int i = 0; i < 10; ++i) {

@@ -37,9 +37,10 @@ class OutboxTest : public ::testing::Test {
     outbox_.offer(1, frame(FrameKind::kKey, sequence));
   }
 
-  void offer_ahead(std::uint64_t sequence) {
-    join_ = frame(FrameKind::kJoin, sequence, {}, Envelope::kAhead);
-    outbox_.offer(1, frame(FrameKind::kKey, sequence, {}, Envelope::kAhead));
+  /// `shows`: this step; {0, 0}: nothing.
+  void offer_ahead(std::uint64_t sequence, InterpolationStep shows = {}) {
+    join_ = frame(FrameKind::kJoin, sequence, shows, Envelope::kAhead);
+    outbox_.offer(1, frame(FrameKind::kKey, sequence, shows, Envelope::kAhead));
   }
 
   Outbox outbox_;
@@ -80,12 +81,12 @@ TEST_F(OutboxTest, LatestFrameWinsAndJoinHealsGap) {
   EXPECT_TRUE(outbox_.take_dropped().empty());
 }
 
-TEST_F(OutboxTest, SkippedSyntheticNeedsNoJoin) {
+TEST_F(OutboxTest, SkippedStepNeedsNoJoin) {
   join_at(1);
   take();
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {1, 3}));
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
-  EXPECT_EQ(take(), 2);
+  outbox_.offer(1, frame(FrameKind::kEstimate, 1, {1, 3}));
+  outbox_.offer(1, frame(FrameKind::kEstimate, 1, {2, 3}));
+  EXPECT_EQ(take(), 1);
   offer_key(2);
   EXPECT_EQ(take(), 2);
   EXPECT_EQ(outbox_.joins_total(), 1u);
@@ -95,11 +96,11 @@ TEST_F(OutboxTest, SkippedSyntheticNeedsNoJoin) {
 TEST_F(OutboxTest, PoseDoesNotDisplaceItsKey) {
   join_at(1);
   take();
-  offer_key(2);
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 3, {1, 3}));
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 3, {2, 3}));
+  offer_ahead(2, {1, 3});
+  outbox_.offer(1, frame(FrameKind::kStep, 2, {2, 3}));
+  outbox_.offer(1, frame(FrameKind::kStep, 2, {3, 3}));
   EXPECT_EQ(take(), 2);
-  EXPECT_EQ(take(), 3);
+  EXPECT_EQ(take(), 2);
   EXPECT_EQ(take(), std::nullopt);
   EXPECT_EQ(outbox_.joins_total(), 1u);
   EXPECT_EQ(outbox_.dropped_total(), 1u);
@@ -108,11 +109,14 @@ TEST_F(OutboxTest, PoseDoesNotDisplaceItsKey) {
 TEST_F(OutboxTest, ShownKeyReplacesOlderPose) {
   join_at(1);
   take();
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
-  offer_key(2);
-  EXPECT_EQ(take(), 2);
-  EXPECT_EQ(take(), std::nullopt);
-  EXPECT_EQ(outbox_.dropped_total(), 1u);
+  std::uint64_t s = 2;
+  for (const bool ahead : {false, true}) {
+    outbox_.offer(1, frame(FrameKind::kEstimate, s - 1, {2, 3}));
+    ahead ? offer_ahead(s, {1, 3}) : offer_key(s);
+    EXPECT_EQ(take(), static_cast<int>(s++));
+    EXPECT_EQ(take(), std::nullopt);
+  }
+  EXPECT_EQ(outbox_.dropped_total(), 2u);
 }
 
 TEST_F(OutboxTest, LastStepAndNextKeyDoNotCompete) {
@@ -152,6 +156,16 @@ TEST_F(OutboxTest, WhatWasMadeBeforeShownJoinDoesNotFollowIt) {
   EXPECT_EQ(take(), -7);
   outbox_.offer(1, frame(FrameKind::kStep, 7, {2, 3}));
   EXPECT_EQ(take(), 7) << "this join was not shown";
+  offer_ahead(9, {2, 3});
+  EXPECT_EQ(take(), -9);
+  for (const std::uint8_t at : {1, 2}) {
+    const FramePtr late = frame(FrameKind::kStep, 9, {at, 3});
+    EXPECT_FALSE(outbox_.send_directly(1, *late, now_));
+    outbox_.offer(1, late);
+    EXPECT_EQ(take(), std::nullopt) << "the join showed it, or a later one";
+  }
+  outbox_.offer(1, frame(FrameKind::kStep, 9, {3, 3}));
+  EXPECT_EQ(take(), 9);
 }
 
 TEST_F(OutboxTest, JoinAfterMissedKeyPrecedesPose) {
@@ -159,9 +173,9 @@ TEST_F(OutboxTest, JoinAfterMissedKeyPrecedesPose) {
   take();
   offer_key(2);
   offer_key(3);
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 4, {1, 3}));
+  outbox_.offer(1, frame(FrameKind::kEstimate, 3, {1, 3}));
   EXPECT_EQ(take(), -3);
-  EXPECT_EQ(take(), 4);
+  EXPECT_EQ(take(), 3);
   offer_ahead(4);
   offer_ahead(5);
   outbox_.offer(1, frame(FrameKind::kStep, 5, {1, 3}));
@@ -178,8 +192,8 @@ TEST_F(OutboxTest, JoinSupersedesOlderFrames) {
   outbox_.offer(1, frame(FrameKind::kStep, 2, {1, 3}));
   EXPECT_EQ(take(), std::nullopt);
   outbox_.offer(1, frame(FrameKind::kKey, 3));
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 4, {1, 3}));
-  EXPECT_EQ(take(), 4);
+  outbox_.offer(1, frame(FrameKind::kEstimate, 3, {1, 3}));
+  EXPECT_EQ(take(), 3);
   EXPECT_EQ(outbox_.joins_total(), 1u);
 }
 
@@ -246,16 +260,16 @@ TEST_F(OutboxTest, UnknownAcknowledgementsAreIgnored) {
 TEST_F(OutboxTest, StepsOfOneSequenceAreDistinct) {
   join_at(1);
   take();
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {1, 3}));
+  outbox_.offer(1, frame(FrameKind::kEstimate, 1, {1, 3}));
   take();
-  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
+  outbox_.offer(1, frame(FrameKind::kEstimate, 1, {2, 3}));
   take();
   now_ += 10'000;
-  outbox_.acknowledge({1, 2, 0x13}, now_);
+  outbox_.acknowledge({1, 1, 0x13}, now_);
   now_ += 105'000;
   offer_key(2);
-  EXPECT_EQ(take(), std::nullopt) << "(2, 2/3) is still in flight";
-  outbox_.acknowledge({1, 2, 0x23}, now_);
+  EXPECT_EQ(take(), std::nullopt) << "(1, 2/3) is still in flight";
+  outbox_.acknowledge({1, 1, 0x23}, now_);
   EXPECT_EQ(take(), 2);
 }
 

@@ -12,22 +12,25 @@ namespace eigencast::broker {
 namespace {
 
 using namespace testing;
-using Form = Profile::Form;
 using Rate = Profile::Rate;
 using Scheme = Profile::Scheme;
 
 constexpr std::size_t kBudget = 20;
 
-Profile made(Rate rate, int k, Form form, int bands, Scheme scheme) {
-  return {rate, static_cast<std::uint8_t>(k), form, static_cast<std::uint8_t>(bands), scheme};
+Profile made(Rate rate, int k, int bands, Scheme scheme) {
+  return {rate, static_cast<std::uint8_t>(k), static_cast<std::uint8_t>(bands), scheme};
 }
 
-Profile full(int k, int bands = 8, Scheme scheme = Scheme::kLinear) {
-  return made(Rate::kInterpolated, k, Form::kFull, bands, scheme);
+Profile linear(int k, int bands = 8) {
+  return made(Rate::kInterpolated, k, bands, Scheme::kLinear);
 }
 
-Profile compact(int k, int bands = 8, Scheme scheme = Scheme::kLinear) {
-  return made(Rate::kInterpolated, k, Form::kCompact, bands, scheme);
+Profile curved(int k, int bands = 8) {
+  return made(Rate::kInterpolated, k, bands, Scheme::kCatmullRom);
+}
+
+Profile hermite(int k) {
+  return made(Rate::kInterpolated, k, 8, Scheme::kHermite);
 }
 
 Profile raw(int bands = 8) {
@@ -39,13 +42,9 @@ std::vector<Profile> all_profiles() {
   std::vector<Profile> all;
   for (int k = 15; k >= 2; --k) {
     for (const Rate rate : {Rate::kInterpolated, Rate::kEstimated, Rate::kRaw}) {
-      for (const Form form : {Form::kFull, Form::kCompact}) {
-        for (int bands = 8; bands >= 1; --bands) {
-          for (const Scheme scheme : {Scheme::kLinear, Scheme::kCatmullRom, Scheme::kHermite, Scheme::kDamped}) {
-            if (const Profile profile = made(rate, k, form, bands, scheme); check_profile(profile)) {
-              all.push_back(profile);
-            }
-          }
+      for (int bands = 8; bands >= 1; --bands) {
+        for (const Scheme scheme : {Scheme::kLinear, Scheme::kCatmullRom, Scheme::kHermite, Scheme::kDamped}) {
+          if (const Profile profile = made(rate, k, bands, scheme); check_profile(profile)) all.push_back(profile);
         }
       }
     }
@@ -54,23 +53,24 @@ std::vector<Profile> all_profiles() {
 }
 
 TEST(ProfileBudgetTest, ProfileCostsOneAndItsEncodedPoses) {
-  EXPECT_EQ(cost_of(full(3)), 3u);
-  EXPECT_EQ(cost_of(full(15)), 15u);
-  EXPECT_EQ(cost_of(compact(15)), 1u);
-  EXPECT_EQ(cost_of(made(Rate::kEstimated, 4, Form::kFull, 8, Scheme::kDamped)), 5u);
+  EXPECT_EQ(cost_of(curved(3)), 3u);
+  EXPECT_EQ(cost_of(curved(15)), 15u);
+  EXPECT_EQ(cost_of(linear(15)), 1u);
+  EXPECT_EQ(cost_of(made(Rate::kEstimated, 4, 8, Scheme::kDamped)), 1u);
 }
 
 TEST(ProfileBudgetTest, NearestIsServedAndTakesNoMore) {
-  const std::vector<Profile> served{full(5), full(9, 2), full(8, 8, Scheme::kHermite), compact(12), compact(7, 4)};
-  EXPECT_EQ(nearest_profile(full(6), served), full(5)) << "fewer poses";
-  EXPECT_EQ(nearest_profile(full(4), served), full(3)) << "the common one, though x5 is served";
-  EXPECT_EQ(nearest_profile(full(15, 2), served), full(9, 2));
-  EXPECT_EQ(nearest_profile(full(9, 8, Scheme::kHermite), served), full(8, 8, Scheme::kHermite));
-  EXPECT_EQ(nearest_profile(full(7, 8, Scheme::kCatmullRom), served), full(5)) << "the default scheme";
-  EXPECT_EQ(nearest_profile(compact(15), served), compact(12)) << "never full where compact was asked for";
-  EXPECT_EQ(nearest_profile(compact(9, 5), served), compact(3, 5)) << "bands last";
-  EXPECT_EQ(nearest_profile(full(2), served), raw()) << "x3 has more poses";
-  EXPECT_EQ(nearest_profile(made(Rate::kEstimated, 2, Form::kFull, 8, Scheme::kDamped), served), raw());
+  const std::vector<Profile> served{linear(5), linear(9, 2), hermite(8), curved(12), linear(7, 4)};
+  EXPECT_EQ(nearest_profile(linear(6), served), linear(5)) << "fewer poses";
+  EXPECT_EQ(nearest_profile(linear(4), served), linear(3)) << "the common one, though x5 is served";
+  EXPECT_EQ(nearest_profile(linear(15, 2), served), linear(9, 2));
+  EXPECT_EQ(nearest_profile(hermite(9), served), hermite(8));
+  EXPECT_EQ(nearest_profile(curved(7), served), linear(5)) << "the default scheme";
+  EXPECT_EQ(nearest_profile(curved(15), served), curved(12));
+  EXPECT_EQ(nearest_profile(linear(15), served), linear(5)) << "never residuals where none were asked for";
+  EXPECT_EQ(nearest_profile(linear(9, 5), served), linear(3, 5)) << "bands last";
+  EXPECT_EQ(nearest_profile(linear(2), served), raw()) << "x3 has more poses";
+  EXPECT_EQ(nearest_profile(made(Rate::kEstimated, 2, 8, Scheme::kDamped), served), raw());
 }
 
 TEST(ProfileBudgetTest, NearestOfAnythingIsBelowIt) {
@@ -136,18 +136,18 @@ TEST_F(StreamBudgetTest, ManyProfilesCostNoMoreThanTheBudget) {
 TEST_F(StreamBudgetTest, ServedProfileTakesNoMoreBudget) {
   announce();
   std::vector<FakeReceiver> receivers(100);
-  for (FakeReceiver& receiver : receivers) EXPECT_EQ(watch(receiver, full(15)).k, 15);
+  for (FakeReceiver& receiver : receivers) EXPECT_EQ(watch(receiver, curved(15)).k, 15);
   FakeReceiver other;
-  EXPECT_EQ(watch(other, full(10)).k, 3);
-  EXPECT_EQ(watch(other, full(5)).k, 5) << "15 + 5";
-  EXPECT_EQ(watch(other, full(5, 8, Scheme::kCatmullRom)).scheme, Scheme::kCatmullRom) << "it gave up its former one";
+  EXPECT_EQ(watch(other, curved(10)).k, 3);
+  EXPECT_EQ(watch(other, curved(5)).k, 5) << "15 + 5";
+  EXPECT_EQ(watch(other, curved(4)).scheme, Scheme::kCatmullRom) << "it gave up its former one";
 }
 
 TEST_F(StreamBudgetTest, ViewerGetsItsProfileOnceThereIsRoom) {
   announce();
   FakeReceiver early, late;
-  watch(early, full(15));
-  EXPECT_EQ(watch(late, full(10)).k, 3);
+  watch(early, curved(15));
+  EXPECT_EQ(watch(late, curved(10)).k, 3);
   EXPECT_FALSE(limited_.improve(late));
   EXPECT_EQ(late.infos.back().profile.k, 3);
   limited_.unwatch(early);
@@ -171,11 +171,11 @@ TEST_F(StreamBudgetTest, MemoryOfProfilesIsShared) {
   EXPECT_LE(encoded.used(), settings.max_bytes / 4 + 2 * each) << "and raw keys, which nobody is refused";
   EXPECT_GE(encoded.used(), settings.max_bytes / 5 - 2 * each);
   FakeReceiver modest("modest"), refused("greedy");
-  const Profile asked = full(14);
+  const Profile asked = linear(12);
   ASSERT_TRUE(stream.watch(modest, asked));
-  EXPECT_EQ(modest.infos.back().profile, full(14, 2)) << "others have theirs";
-  ASSERT_TRUE(stream.watch(refused, full(13)));
-  EXPECT_NE(refused.infos.back().profile, full(13, 2));
+  EXPECT_EQ(modest.infos.back().profile, linear(12, 2)) << "others have theirs";
+  ASSERT_TRUE(stream.watch(refused, linear(11)));
+  EXPECT_NE(refused.infos.back().profile, linear(11, 2));
   for (int i = 0; i < 5; ++i) {
     ASSERT_TRUE(stream.add_frame(sender_.next(now_), now_));
     for (const TimeUs end = now_ + kInterval; now_ < end; now_ += 1000) stream.pump(now_);
@@ -186,7 +186,7 @@ TEST_F(StreamBudgetTest, MemoryOfProfilesIsShared) {
   }
   for (FakeReceiver& receiver : greedy) stream.unwatch(receiver);
   EXPECT_TRUE(stream.improve(refused));
-  EXPECT_EQ(refused.infos.back().profile, full(13, 2));
+  EXPECT_EQ(refused.infos.back().profile, linear(11, 2));
   stream.unwatch(refused);
   stream.unwatch(modest);
   EXPECT_EQ(encoded.used(), 0);

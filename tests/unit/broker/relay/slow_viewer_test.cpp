@@ -138,7 +138,6 @@ class SlowScene {
       if (!held_) arrive();
       if (dice_.one_in(2)) pump();
       if (dice_.one_in(3)) stream_.deliver();
-      if (dice_.one_in(4)) stream_.prepare();
       use_socket();
     }
   }
@@ -241,14 +240,8 @@ TEST_P(SlowViewerTest, ShowsTheLastPoseOfASenderThatPauses) {
 }
 
 using Rate = Profile::Rate;
-using Form = Profile::Form;
-const Profile kSlowProfiles[]{kRaw,
-                              kFull,
-                              kCompact,
-                              {Rate::kInterpolated, 7, Form::kCompact},
-                              {Rate::kInterpolated, 3, Form::kFull, 8, Profile::Scheme::kCatmullRom},
-                              {Rate::kEstimated},
-                              {Rate::kEstimated, 3, Form::kCompact}};
+const Profile kSlowProfiles[]{
+    kRaw, kLinear, kCurved, {Rate::kInterpolated, 7}, {Rate::kEstimated, 3, 8, Profile::Scheme::kDamped}};
 INSTANTIATE_TEST_SUITE_P(Profiles, SlowViewerTest, ::testing::ValuesIn(kSlowProfiles));
 
 }  // namespace

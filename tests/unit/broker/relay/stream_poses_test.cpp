@@ -36,9 +36,9 @@ TEST_F(StreamPosesTest, RawDeliversExactlyWhatWasSent) {
   }
 }
 
-TEST_F(StreamPosesTest, FullInterpolatesBetweenNeighbours) {
+TEST_F(StreamPosesTest, StepsInterpolateBetweenNeighbours) {
   FakeReceiver receiver;
-  ASSERT_TRUE(stream_.watch(receiver, kFull));
+  ASSERT_TRUE(stream_.watch(receiver, kLinear));
   begin();
   play(11);
   wait(3 * kInterval);
@@ -47,7 +47,7 @@ TEST_F(StreamPosesTest, FullInterpolatesBetweenNeighbours) {
   for (const auto& pose : receiver.poses) {
     const int s = static_cast<int>(pose.envelope.sequence);
     const auto [at, of] = pose.envelope.step;
-    if (pose.envelope.kind == FrameKind::kSynthetic) {
+    if (pose.envelope.kind == FrameKind::kStep) {
       EXPECT_EQ(pose.key, interpolate_keys(small_layout(), key_number(s - 1), key_number(s), at, of).value());
       EXPECT_EQ(pose.envelope.capture_us, 1'000'000 + (s - 1) * kInterval + at * kInterval / of);
     } else {
@@ -102,7 +102,6 @@ class LargeStream : public PublisherLink, public Watcher {
       message.insert(message.end(), payload.begin(), payload.end());
       bytes = payload.size();
       EXPECT_TRUE(stream_.add_frame(message, now_));
-      stream_.prepare();
       for (const TimeUs end = now_ + 33'000; now_ < end; now_ += 1000) stream_.pump(now_);
     }
     return bytes;
@@ -136,43 +135,40 @@ class LargeStream : public PublisherLink, public Watcher {
 
 TEST_F(StreamPosesTest, PosesAreLeftOutWhereNoViewerPays) {
   begin();
-  for (const char* query : {"k=15", "k=15&scheme=catmull-rom", "rate=estimated&k=15"}) {
-    SCOPED_TRACE(query);
-    const Profile profile = profile_from_query(query).value();
-    FakeReceiver poor, rich, other;
-    poor.budget_us = 50;
-    ASSERT_TRUE(stream_.watch(poor, profile));
-    if (const FramePtr join = stream_.join_for(poor)) poor.decode(*join);
-    play(3);
-    poor.frames.clear();
-    const std::uint64_t failed = stream_.poses_failed();
-    play(20);
-    wait(3 * kInterval);
-    const auto keys_of = [](const FakeReceiver& receiver) {
-      return std::count_if(receiver.frames.begin(), receiver.frames.end(),
-                           [](const auto& f) { return f->envelope.is_key(); });
-    };
-    EXPECT_GE(keys_of(poor), 19) << "keys always come";
-    EXPECT_GT(stream_.poses_failed(), failed + 200);
-    EXPECT_LT(poor.charged_us, 60) << "one beyond the budget, at most";
-    EXPECT_EQ(poor.undecodable, 0);
+  const Profile profile = profile_from_query("k=15&scheme=catmull-rom").value();
+  FakeReceiver poor, rich, other;
+  poor.budget_us = 50;
+  ASSERT_TRUE(stream_.watch(poor, profile));
+  if (const FramePtr join = stream_.join_for(poor)) poor.decode(*join);
+  play(3);
+  poor.frames.clear();
+  const std::uint64_t failed = stream_.poses_failed();
+  play(20);
+  wait(3 * kInterval);
+  const auto keys_of = [](const FakeReceiver& receiver) {
+    return std::count_if(receiver.frames.begin(), receiver.frames.end(),
+                         [](const auto& f) { return f->envelope.is_key(); });
+  };
+  EXPECT_GE(keys_of(poor), 19) << "keys always come";
+  EXPECT_GT(stream_.poses_failed(), failed + 200);
+  EXPECT_LT(poor.charged_us, 60) << "one beyond the budget, at most";
+  EXPECT_EQ(poor.undecodable, 0);
 
-    ASSERT_TRUE(stream_.watch(rich, profile));
-    const double charged_us = poor.charged_us;
-    poor.frames.clear();
-    play(20);
-    EXPECT_EQ(poor.charged_us, charged_us);
-    EXPECT_GT(rich.charged_us, 0);
-    EXPECT_GT(poor.frames.size(), 250u) << "another viewer pays";
-    ASSERT_TRUE(stream_.watch(other, profile_from_query("k=14").value()));
-    stream_.unwatch(rich);
-    poor.frames.clear();
-    play(20);
-    EXPECT_LT(poor.frames.size(), 30u) << "not one of another profile";
-    EXPECT_GT(other.frames.size(), 250u);
-    stream_.unwatch(poor);
-    stream_.unwatch(other);
-  }
+  ASSERT_TRUE(stream_.watch(rich, profile));
+  const double charged_us = poor.charged_us;
+  poor.frames.clear();
+  play(20);
+  EXPECT_EQ(poor.charged_us, charged_us);
+  EXPECT_GT(rich.charged_us, 0);
+  EXPECT_GT(poor.frames.size(), 250u) << "another viewer pays";
+  ASSERT_TRUE(stream_.watch(other, profile_from_query("k=14&scheme=catmull-rom").value()));
+  stream_.unwatch(rich);
+  poor.frames.clear();
+  play(20);
+  EXPECT_LT(poor.frames.size(), 45u) << "not one of another profile";
+  EXPECT_GT(other.frames.size(), 250u);
+  stream_.unwatch(poor);
+  stream_.unwatch(other);
 }
 
 TEST_F(StreamPosesTest, KeysOfProfilesAreLeftOutWhereNoViewerPays) {
@@ -186,13 +182,13 @@ TEST_F(StreamPosesTest, KeysOfProfilesAreLeftOutWhereNoViewerPays) {
     bool pays = true;
   } raw, poor, rich;
   poor.pays = raw.pays = false;
-  for (Payer* each : {&raw, &poor}) ASSERT_TRUE(stream_.watch(*each, each == &raw ? kRaw : kCompact));
+  for (Payer* each : {&raw, &poor}) ASSERT_TRUE(stream_.watch(*each, each == &raw ? kRaw : kLinear));
   play(10);
   EXPECT_GE(raw.frames.size(), 10u);
   EXPECT_EQ(raw.keys_us, 0);
   EXPECT_TRUE(poor.frames.empty());
   EXPECT_GT(poor.keys_us, 10 * 4);
-  ASSERT_TRUE(stream_.watch(rich, kCompact));
+  ASSERT_TRUE(stream_.watch(rich, kLinear));
   play(10);
   EXPECT_GE(poor.frames.size(), 10u) << "another viewer pays";
   for (Payer* each : {&raw, &poor, &rich}) stream_.unwatch(*each);
@@ -200,7 +196,7 @@ TEST_F(StreamPosesTest, KeysOfProfilesAreLeftOutWhereNoViewerPays) {
 
 TEST_F(StreamPosesTest, ViewersWhoCannotPayTakeNoPosesFromOthers) {
   begin();
-  const Profile profile = profile_from_query("k=3").value();
+  const Profile profile = kCurved;
   std::vector<FakeReceiver> poor(40);
   for (FakeReceiver& each : poor) {
     each.budget_us = 0;
@@ -220,85 +216,80 @@ TEST_F(StreamPosesTest, ViewersWhoCannotPayTakeNoPosesFromOthers) {
 }
 
 TEST_F(StreamPosesTest, PosesCostWhatTheyTakeWhateverTheirKeysCost) {
-  LargeStream still(4096, 8, 8), moving(4096, 8, 8);
-  for (LargeStream* stream : {&still, &moving}) stream->watch(profile_from_query("k=15").value());
+  const Profile curved = profile_from_query("k=15&scheme=catmull-rom").value();
+  LargeStream still(4096, 8, 8), even(4096, 8, 8), moving(4096, 8, 8);
+  for (LargeStream* stream : {&still, &even, &moving}) stream->watch(curved);
   EXPECT_LT(still.play(6, [](int, int) { return 0; }), 20u);
   EXPECT_GT(still.poses, 40u);
-  EXPECT_GT(still.charged_us, 190 * static_cast<double>(still.poses));
-  moving.play(6, [](int i, int j) { return i * (j * 7919 % 8000 - 4000); });
+  EXPECT_EQ(still.charged_us, 0) << "there is nothing to work out";
+  even.play(6, [](int i, int j) { return i * 20 * (j % 5); });
+  EXPECT_LT(even.pose_bytes, 10 * even.poses);
+  EXPECT_GT(even.charged_us, 170 * static_cast<double>(even.poses)) << "found out, for all but one of 15";
+  moving.play(6, [](int i, int j) { return i * i * (j * 7919 % 8000 - 4000); });
   EXPECT_GT(moving.pose_bytes, 10'000 * moving.poses);
-  EXPECT_GT(moving.charged_us, 190 * static_cast<double>(moving.poses) + static_cast<double>(moving.pose_bytes) / 10);
+  EXPECT_GT(moving.charged_us, 170 * static_cast<double>(moving.poses) + static_cast<double>(moving.pose_bytes) / 10);
 }
 
 TEST_F(StreamPosesTest, OneViewerMayWatchAHundredStreams) {
-  LargeStream stream(300, 3, 3);
-  stream.watch(kFull);
   const auto smooth = [](int i, int j) { return 25'000. / (20 + j) * std::sin(i * 0.15 + j); };
-  EXPECT_GT(stream.play(30, smooth), 180u) << "as of a typical surface";
-  stream.charged_us = 0;
-  stream.play(30, smooth);
-  EXPECT_GT(stream.charged_us, 0);
-  EXPECT_LT(100 * stream.charged_us, 125'000) << "half of per_address.work_us_per_s";
+  LargeStream linear(300, 3, 3), curved(300, 3, 3);
+  linear.watch(kLinear);
+  curved.watch(kCurved);
+  EXPECT_GT(curved.play(30, smooth), 180u) << "as of a typical surface";
+  curved.charged_us = 0;
+  curved.play(30, smooth);
+  EXPECT_GT(curved.charged_us, 0);
+  EXPECT_LT(100 * curved.charged_us, 125'000) << "half of per_address.work_us_per_s";
+  linear.play(30, smooth);
+  EXPECT_EQ(linear.charged_us, 0);
 }
 
-TEST_F(StreamPosesTest, CompactEqualsFull) {
-  FakeReceiver full;
-  FakeReceiver compact;
-  ASSERT_TRUE(stream_.watch(full, kFull));
-  ASSERT_TRUE(stream_.watch(compact, kCompact));
+TEST_F(StreamPosesTest, LinearPosesTakeAFewBytesMoreThanRaw) {
+  FakeReceiver raw, linear;
+  ASSERT_TRUE(stream_.watch(raw, kRaw));
+  ASSERT_TRUE(stream_.watch(linear, kLinear));
   begin();
   play(11);
   wait(3 * kInterval);
-  EXPECT_EQ(compact.undecodable, 0);
-  ASSERT_EQ(compact.poses.size(), full.poses.size());
-  std::size_t full_bytes = 0;
-  std::size_t compact_bytes = 0;
-  for (std::size_t i = 0; i < full.poses.size(); ++i) {
-    EXPECT_EQ(compact.poses[i].key, full.poses[i].key) << i;
-    EXPECT_EQ(compact.poses[i].envelope.capture_us, full.poses[i].envelope.capture_us) << i;
-  }
-  for (const auto& frame : full.frames) full_bytes += frame->message().size();
-  for (const auto& frame : compact.frames) compact_bytes += frame->message().size();
-  EXPECT_LT(compact_bytes, full_bytes);
+  EXPECT_EQ(raw.frames.size(), 11u);
+  EXPECT_EQ(linear.frames.size(), 1u + 3 * 10) << "a key shows the first of its poses";
+  const auto bytes_of = [](const FakeReceiver& receiver) {
+    std::size_t bytes = 0;
+    for (const auto& frame : receiver.frames) bytes += frame->message().size();
+    return bytes;
+  };
+  EXPECT_EQ(bytes_of(linear), bytes_of(raw) + 10 * (1 + 2 * 5)) << "the step of each key, and two steps alone";
 }
 
 TEST_F(StreamPosesTest, OvertakenPosesAreSkippedKeysAreNot) {
-  FakeReceiver full;
-  FakeReceiver compact;
-  ASSERT_TRUE(stream_.watch(full, kFull));
-  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  FakeReceiver linear;
+  FakeReceiver curved;
+  ASSERT_TRUE(stream_.watch(linear, kLinear));
+  ASSERT_TRUE(stream_.watch(curved, kCurved));
   begin();
   play(6);
-  const auto poses_of = [&](FakeReceiver& receiver) {
-    std::vector<FrameKind> kinds;
-    for (const auto& frame : receiver.frames) kinds.push_back(frame->envelope.kind);
-    receiver.frames.clear();
-    return kinds;
-  };
   for (int round = 0; round < 5; ++round) {  // Key intervals without pumping.
     ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
-    full.frames.clear();
-    compact.frames.clear();
+    linear.frames.clear();
+    curved.frames.clear();
     now_ += kInterval - 1000;
     stream_.pump(now_);
-    for (FakeReceiver* receiver : {&full, &compact}) {
-      const auto kinds = poses_of(*receiver);
-      const auto shown = std::count_if(kinds.begin(), kinds.end(), [](FrameKind kind) {
-        return kind == FrameKind::kSynthetic || kind == FrameKind::kStep;
-      });
+    for (FakeReceiver* receiver : {&linear, &curved}) {
+      const auto shown = std::count_if(receiver->frames.begin(), receiver->frames.end(),
+                                       [](const FramePtr& frame) { return frame->envelope.step.of != 0; });
       EXPECT_LE(shown, 1) << round;
     }
     now_ += 1000;
   }
   wait(3 * kInterval);
-  EXPECT_EQ(full.undecodable + compact.undecodable, 0) << "no key is missing";
-  EXPECT_EQ(full.poses.back().key, key_number(10));
-  EXPECT_EQ(compact.poses.back().key, key_number(10));
+  EXPECT_EQ(linear.undecodable + curved.undecodable, 0) << "no key is missing";
+  EXPECT_EQ(linear.poses.back().key, key_number(10));
+  EXPECT_EQ(curved.poses.back().key, key_number(10));
 }
 
-TEST_F(StreamPosesTest, JitteredKeysKeepCompactChainWhole) {
+TEST_F(StreamPosesTest, JitteredKeysKeepChainWhole) {
   FakeReceiver receiver;
-  ASSERT_TRUE(stream_.watch(receiver, kCompact));
+  ASSERT_TRUE(stream_.watch(receiver, kLinear));
   begin();
   const int jitter_ms[] = {0, 14, 3, 20, 0, 0, 25, 1, 9, 17, 2, 28};
   const TimeUs start = now_;
@@ -316,8 +307,8 @@ TEST_F(StreamPosesTest, JitteredKeysKeepCompactChainWhole) {
 TEST_F(StreamPosesTest, PosesAreEncodedOncePerProfile) {
   FakeReceiver a;
   FakeReceiver b;
-  ASSERT_TRUE(stream_.watch(a, kFull));
-  ASSERT_TRUE(stream_.watch(b, Profile{Profile::Rate::kInterpolated, 3, Profile::Form::kFull, 2}));
+  ASSERT_TRUE(stream_.watch(a, kLinear));
+  ASSERT_TRUE(stream_.watch(b, Profile{Profile::Rate::kInterpolated, 3, 2}));
   begin();
   play(4);
   EXPECT_EQ(stream_.profile_count(), 1u) << "all bands and two of two bands are one profile";
@@ -328,7 +319,7 @@ TEST_F(StreamPosesTest, PosesAreEncodedOncePerProfile) {
 TEST_F(StreamPosesTest, BandsAreCut) {
   FakeReceiver receiver;
   for (const Profile::Rate rate : {Profile::Rate::kRaw, Profile::Rate::kInterpolated}) {
-    ASSERT_TRUE(stream_.watch(receiver, Profile{rate, 3, Profile::Form::kFull, 1}));
+    ASSERT_TRUE(stream_.watch(receiver, Profile{rate, 3, 1}));
     if (rate == Profile::Rate::kRaw) begin();
     if (rate != Profile::Rate::kRaw) receiver.decode(*stream_.join_for(receiver));
     receiver.poses.clear();
@@ -336,8 +327,8 @@ TEST_F(StreamPosesTest, BandsAreCut) {
     EXPECT_EQ(receiver.undecodable, 0);
     ASSERT_GT(receiver.poses.size(), 3u);
     for (const auto& pose : receiver.poses) {
-      EXPECT_EQ(pose.envelope.bands, 1);
-      if (pose.envelope.kind == FrameKind::kSynthetic) continue;
+      EXPECT_EQ(pose.key.bands, 1);
+      if (pose.envelope.step.at != pose.envelope.step.of) continue;
       Key low = key_number(static_cast<int>(pose.envelope.sequence));
       low.bands = 1;
       std::fill(low.q.begin() + 12, low.q.end(), 0);
@@ -347,7 +338,7 @@ TEST_F(StreamPosesTest, BandsAreCut) {
 }
 
 TEST_F(StreamPosesTest, RestoredBandsTakeOneJoin) {
-  for (const Profile& profile : {kRaw, kFull, kCompact}) {
+  for (const Profile& profile : {kRaw, kLinear, kCurved}) {
     Stream stream("a", 7, Stream::Settings{});
     FakeSender sender;
     FakeReceiver receiver;
@@ -380,7 +371,7 @@ TEST_F(StreamPosesTest, RestoredBandsTakeOneJoin) {
 }
 
 TEST_F(StreamPosesTest, JoinSynchronisesReceiverAtAnyMoment) {
-  for (const Profile& profile : {kRaw, kFull, kCompact}) {
+  for (const Profile& profile : {kRaw, kLinear, kCurved}) {
     Stream stream("a", 7, Stream::Settings{});
     FakeSender sender;
     FakeReceiver steady;
@@ -414,36 +405,36 @@ TEST_F(StreamPosesTest, ProfileCanChangeAnyTime) {
   ASSERT_TRUE(stream_.watch(receiver, kRaw));
   begin();
   play(3);
-  for (const Profile& profile : {kFull, kCompact, kRaw, kCompact, kFull}) {
+  for (const Profile& profile : {kLinear, kCurved, kRaw, kCurved, kLinear}) {
     ASSERT_TRUE(stream_.watch(receiver, profile));
     EXPECT_EQ(receiver.infos.back().profile.rate, profile.rate);
-    EXPECT_EQ(receiver.infos.back().profile.form, profile.form);
+    EXPECT_EQ(receiver.infos.back().profile.scheme, profile.scheme);
     receiver.decode(*stream_.join_for(receiver));
     const std::size_t before = receiver.poses.size();
     play(4);
     EXPECT_EQ(receiver.undecodable, 0);
-    EXPECT_GE(receiver.poses.size() - before, profile.rate == Profile::Rate::kRaw ? 4u : 9u);
+    EXPECT_GE(receiver.poses.size() - before, profile == kRaw ? 4u : profile == kCurved ? 6u : 9u);
     EXPECT_EQ(stream_.profile_count(), 1u);
   }
 }
 
 TEST_F(StreamPosesTest, SenderJoinBridgesGap) {
   FakeReceiver raw;
-  FakeReceiver full;
-  FakeReceiver compact;
+  FakeReceiver linear;
+  FakeReceiver curved;
   ASSERT_TRUE(stream_.watch(raw, kRaw));
-  ASSERT_TRUE(stream_.watch(full, kFull));
-  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  ASSERT_TRUE(stream_.watch(linear, kLinear));
+  ASSERT_TRUE(stream_.watch(curved, kCurved));
   begin();
   play(3);
   sender_.skip_number();
   sender_.begin_anew();
   play(3);
   wait(3 * kInterval);
-  EXPECT_EQ(raw.undecodable + full.undecodable + compact.undecodable, 0);
+  EXPECT_EQ(raw.undecodable + linear.undecodable + curved.undecodable, 0);
   EXPECT_EQ(raw.poses.size(), 6u);
-  EXPECT_EQ(full.poses.back().key, key_number(6));
-  EXPECT_EQ(compact.poses.back().key, key_number(6));
+  EXPECT_EQ(linear.poses.back().key, key_number(6));
+  EXPECT_EQ(curved.poses.back().key, key_number(6));
 }
 
 TEST_F(StreamPosesTest, LateRawViewerHasNothingDue) {

@@ -29,7 +29,7 @@ TEST_F(StreamTest, StalledStreamHoldsLastPose) {
   stream_.release(sender_);
   EXPECT_EQ(receiver.infos.back().state, State::kStalled);
   FakeReceiver late;
-  ASSERT_TRUE(stream_.watch(late, kFull));
+  ASSERT_TRUE(stream_.watch(late, kLinear));
   EXPECT_EQ(late.infos.back().state, State::kStalled);
   late.decode(*stream_.join_for(late));
   EXPECT_EQ(late.poses.back().key, key_number(2));
@@ -65,7 +65,7 @@ TEST_F(StreamTest, ProfilesOfViewersCostTheSenderNothing) {
     for (const Profile::Rate rate : {Profile::Rate::kInterpolated, Profile::Rate::kEstimated}) {
       for (const std::uint8_t bands : {1, 2}) {
         const auto scheme = default_scheme(rate);
-        const Profile profile{rate, static_cast<std::uint8_t>(k), Profile::Form::kCompact, bands, scheme};
+        const Profile profile{rate, static_cast<std::uint8_t>(k), bands, scheme};
         ASSERT_TRUE(stream_.watch(receivers.emplace_back(), profile));
       }
     }
@@ -86,33 +86,33 @@ TEST_F(StreamTest, OnlyEncodingAJoinIsWork) {
   EXPECT_GT(once_us, 0);
   EXPECT_TRUE(stream_.join_for(second, &work_us));
   EXPECT_EQ(work_us, 0) << "made before";
-  ASSERT_TRUE(stream_.watch(second, kFull));
+  ASSERT_TRUE(stream_.watch(second, kLinear));
   EXPECT_TRUE(stream_.join_for(second, &work_us));
   EXPECT_EQ(work_us, once_us) << "another profile";
 }
 
 TEST_F(StreamTest, ReturningSenderBeginsNewEpoch) {
-  FakeReceiver full;
-  FakeReceiver compact;
-  ASSERT_TRUE(stream_.watch(full, kFull));
-  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  FakeReceiver linear;
+  FakeReceiver curved;
+  ASSERT_TRUE(stream_.watch(linear, kLinear));
+  ASSERT_TRUE(stream_.watch(curved, kCurved));
   begin();
   play(3);
   stream_.release(sender_);
   FakeSender second;
   ASSERT_TRUE(stream_.claim(second));
   ASSERT_TRUE(stream_.announce(small_announce(), 20));
-  EXPECT_EQ(full.infos.back().epoch, 20u);
-  full.poses.clear();
-  compact.poses.clear();
+  EXPECT_EQ(linear.infos.back().epoch, 20u);
+  linear.poses.clear();
+  curved.poses.clear();
   second.tag = 2;
   sender_ = second;
   play(3);
   wait(3 * kInterval);
-  EXPECT_EQ(full.undecodable + compact.undecodable, 0);
-  EXPECT_EQ(full.poses.size(), 7u);
-  EXPECT_EQ(compact.poses.size(), 7u);
-  for (const auto& pose : full.poses) EXPECT_EQ(pose.envelope.epoch, 20u);
+  EXPECT_EQ(linear.undecodable + curved.undecodable, 0);
+  EXPECT_EQ(linear.poses.size(), 7u);
+  EXPECT_EQ(curved.poses.size(), 7u);
+  for (const auto& pose : linear.poses) EXPECT_EQ(pose.envelope.epoch, 20u);
 }
 
 TEST_F(StreamTest, OneSenderAtATime) {
@@ -143,8 +143,8 @@ TEST_F(StreamTest, MalformedFramesChangeNothing) {
     bad[at] = value;
     return bad;
   };
-  EXPECT_FALSE(stream_.add_frame(changed(0, 3), now_)) << "synthetic";
-  EXPECT_FALSE(stream_.add_frame(changed(0, 4), now_)) << "step";
+  EXPECT_FALSE(stream_.add_frame(changed(0, 3), now_)) << "step";
+  EXPECT_FALSE(stream_.add_frame(changed(0, 4), now_)) << "estimate";
   EXPECT_FALSE(stream_.add_frame(changed(0, 1 | 8), now_)) << "ahead";
   EXPECT_FALSE(stream_.add_frame(changed(0, 1 | 16), now_)) << "reserved flag";
   EXPECT_FALSE(stream_.add_frame(changed(2, 2), now_)) << "another tag";
@@ -199,7 +199,7 @@ TEST_F(StreamTest, OneHolderLeavesPlacesToOthers) {
         watchers.pop_back();
         return count;
       }
-      EXPECT_TRUE(stream.watch(*watchers.back(), kFull)) << "another profile, the same place";
+      EXPECT_TRUE(stream.watch(*watchers.back(), kLinear)) << "another profile, the same place";
     }
   };
   EXPECT_EQ(crowd("address 1.1.1.1"), 12u) << "a quarter of the other 48";
@@ -217,7 +217,7 @@ TEST_F(StreamTest, WishesForTheSameFramesShareAProfile) {
   std::vector<FakeReceiver> receivers(4);
   ASSERT_TRUE(stream_.watch(receivers[0], kRaw));
   ASSERT_TRUE(stream_.watch(receivers[1], Profile{Profile::Rate::kRaw, 7})) << "raw has no k";
-  ASSERT_TRUE(stream_.watch(receivers[2], kFull));
+  ASSERT_TRUE(stream_.watch(receivers[2], kLinear));
   ASSERT_TRUE(stream_.watch(receivers[3], Profile{.bands = 2})) << "the stream has two bands";
   EXPECT_EQ(stream_.profile_count(), 2u);
 }
@@ -278,7 +278,7 @@ TEST_F(StreamTest, TracesReachRequestersWithBrokerStreamId) {
 TEST_F(StreamTest, TraceIntervalIsTheSmallestRequested) {
   FakeReceiver a, b, stranger;
   ASSERT_TRUE(stream_.watch(a, kRaw));
-  ASSERT_TRUE(stream_.watch(b, kFull));
+  ASSERT_TRUE(stream_.watch(b, kLinear));
   stream_.trace(stranger, 1);
   EXPECT_EQ(stream_.trace_every(), 0u);
   stream_.trace(a, 30);
@@ -293,7 +293,7 @@ TEST_F(StreamTest, TraceIntervalIsTheSmallestRequested) {
 TEST_F(StreamTest, BrokerStagesAreReportedAfterWrite) {
   FakeReceiver receiver;
   begin();
-  ASSERT_TRUE(stream_.watch(receiver, kFull));
+  ASSERT_TRUE(stream_.watch(receiver, kLinear));
   stream_.trace(receiver, 2);
   for (int i = 0; i < 6; ++i) {
     ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));

@@ -34,16 +34,16 @@ class TurnTest : public ::testing::Test, public SocketWriter {
   Steps steps_;
   bool has_output_ = false, fails_ = false;
   asio::io_context loop_{1};
-  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [this] { deliver(); }, [this] { steps_.push_back("prepare"); }};
+  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [this] { deliver(); }};
 };
 
-TEST_F(TurnTest, FlushesOnceBetweenDeliverAndPrepare) {
+TEST_F(TurnTest, FlushesOnceAfterDelivery) {
   turn_.add(*this, false);
   turn_.add(*this, false);
   has_output_ = true;
   asio::post(loop_, [this] { steps_.push_back("another"); });
   loop_.run();
-  EXPECT_EQ(steps_, (Steps{"deliver", "flush", "prepare", "another"}));
+  EXPECT_EQ(steps_, (Steps{"deliver", "flush", "another"}));
 }
 
 TEST_F(TurnTest, TurnEndsAfterReadyHandlers) {
@@ -53,7 +53,7 @@ TEST_F(TurnTest, TurnEndsAfterReadyHandlers) {
   });
   asio::post(loop_, [this] { turn_.add(*this, false); });
   loop_.run();
-  EXPECT_EQ(steps_, (Steps{"deliver", "flush", "prepare", "next turn's"}));
+  EXPECT_EQ(steps_, (Steps{"deliver", "flush", "next turn's"}));
 }
 
 TEST_F(TurnTest, FailedTurnIsRetriedWithItsWrites) {
@@ -64,7 +64,7 @@ TEST_F(TurnTest, FailedTurnIsRetriedWithItsWrites) {
   turn_.now_us();
   loop_.restart();
   loop_.run();
-  EXPECT_EQ(steps_, (Steps{"deliver", "deliver", "flush", "prepare"}));
+  EXPECT_EQ(steps_, (Steps{"deliver", "deliver", "flush"}));
 }
 
 /// One that is sent to: keeps what it is told.
@@ -104,7 +104,7 @@ class BatchTest : public ::testing::Test {
   }
 
   asio::io_context loop_{1};
-  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [] {}, [] {}};
+  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [] {}};
 };
 
 TEST_F(BatchTest, TellsOfFailuresAndWhereAskedFor) {
