@@ -18,10 +18,10 @@ namespace {
 constexpr const char* kDefaultUrl = "ws://127.0.0.1:7490/demo";
 constexpr const char* kExamples =
     R"(eigencast-client                                        # a window that asks what to show
-eigencast-client ws://localhost:7490/demo               # the stream "demo" of a broker on this machine
-eigencast-client ws://host:7490/heart --lod 0.3         # three tenths of the vertices
-eigencast-client ws://host:7490/heart --rate raw --playout interpolate
-eigencast-client wss://host/heart --token @FILE         # a broker that wants a token
+eigencast-client http://localhost:7490/demo             # the stream "demo" of a broker on this machine
+eigencast-client http://host:7490/heart --lod 0.3       # three tenths of the vertices
+eigencast-client http://host:7490/heart --rate raw --playout interpolate
+eigencast-client https://host/heart --token @FILE       # a broker that wants a token
 eigencast-client view horse.obj                         # a file, without a broker
 eigencast-client view frames --watch                    # a folder that is being written
 eigencast-client --headless --frames 90 --out pictures  # no display needed
@@ -186,10 +186,9 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
   return {
       {"streams",
        &options.scene.streams,
-       "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well; ws://a,b/stream: the brokers a and "
-       "b of a cluster in turn), or streams at the context's broker; "
-       "or, after the word view, files, folders, globs or built-in shapes, which are baked and played here without a "
-       "broker",
+       "http://host[:port]/stream (https:// for TLS; http://a,b/stream: the brokers a and b of a cluster in turn), or "
+       "streams at the context's broker; or, after the word view, files, folders, globs or built-in shapes, which are "
+       "baked and played here without a broker",
        {},
        false,
        "EIGENCAST_URL"},

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Streams a coloured or textured sheet: painted.py ws://127.0.0.1:7490/sheet [IMAGE]; see docs/sdk.md."""
+"""Streams a coloured or textured sheet: painted.py http://127.0.0.1:7490/sheet [IMAGE]; see docs/sdk.md."""
 import sys
 import time
 

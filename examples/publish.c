@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Publishes a waving sheet for ten seconds: publish ws://127.0.0.1:7490/sheet */
+/* Publishes a waving sheet for ten seconds: publish http://127.0.0.1:7490/sheet */
 #include <eigencast/eigencast.h>
 #include <math.h>
 #include <stdio.h>

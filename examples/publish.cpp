@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Publishes a waving sheet from a loop of your own: publish ws://127.0.0.1:7490/sheet [SECONDS]
+// Publishes a waving sheet from a loop of your own: publish http://127.0.0.1:7490/sheet [SECONDS]
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -9,7 +9,7 @@
 #include <vector>
 
 int main(int argc, char** argv) {
-  const char* url = argc > 1 ? argv[1] : "ws://127.0.0.1:7490/sheet";
+  const char* url = argc > 1 ? argv[1] : "http://127.0.0.1:7490/sheet";
   const double seconds = argc > 2 ? std::atof(argv[2]) : 3600;
   constexpr std::uint32_t kSide = 60;
   try {

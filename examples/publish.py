@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Publishes a waving sheet for ten seconds: publish.py ws://127.0.0.1:7490/sheet."""
+"""Publishes a waving sheet for ten seconds: publish.py http://127.0.0.1:7490/sheet."""
 import sys
 import time
 

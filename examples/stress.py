@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Streams a sheet with a scalar on each vertex: stress.py ws://127.0.0.1:7490/sheet; see docs/sdk.md."""
+"""Streams a sheet with a scalar on each vertex: stress.py http://127.0.0.1:7490/sheet; see docs/sdk.md."""
 import sys
 import time
 

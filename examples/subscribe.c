@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Prints thirty poses of a stream: subscribe ws://127.0.0.1:7490/sheet */
+/* Prints thirty poses of a stream: subscribe http://127.0.0.1:7490/sheet */
 #include <eigencast/eigencast.h>
 #include <stdio.h>
 

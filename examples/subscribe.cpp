@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Watches a stream from a loop of your own: subscribe ws://127.0.0.1:7490/sheet [POSES]
+// Watches a stream from a loop of your own: subscribe http://127.0.0.1:7490/sheet [POSES]
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -8,7 +8,7 @@
 #include <exception>
 
 int main(int argc, char** argv) {
-  const char* url = argc > 1 ? argv[1] : "ws://127.0.0.1:7490/sheet";
+  const char* url = argc > 1 ? argv[1] : "http://127.0.0.1:7490/sheet";
   const long poses = argc > 2 ? std::atol(argv[2]) : 300;
   try {
     eigencast::Subscriber subscriber(url);

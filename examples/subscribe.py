@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Prints thirty poses of a stream: subscribe.py ws://127.0.0.1:7490/sheet."""
+"""Prints thirty poses of a stream: subscribe.py http://127.0.0.1:7490/sheet."""
 import itertools
 import sys
 

@@ -61,10 +61,14 @@ bool write_private(const std::string& path, const std::string& text) {
   return ::close(descriptor) == 0 && written;
 }
 
+bool has_scheme(const std::string& to) {
+  return to.find("://") != std::string::npos;
+}
+
 const Context* context_for(const std::string& to, const std::string& name, const Contexts& contexts) {
   const Context* current = contexts.find(name);
   const auto meant = parse_broker_url(to);
-  if (!name.empty() || !meant) return current;
+  if (!name.empty() || !meant || !has_scheme(to)) return current;
   const auto is_its = [&](const Context& context) {
     const auto known = parse_broker_url(context.url);
     return known && known->origin() == meant->origin();
@@ -176,10 +180,10 @@ Result<Target> resolve_target(const std::string& to, const Credentials& given, c
   const Context* context = context_for(to, name, contexts);
   if (!name.empty() && context == nullptr)
     return fail(ErrorCode::kNotFound, "no context \"" + name + "\"; see: eigencast-sender context list");
-  const bool is_url = to.find("://") != std::string::npos;
-  if (!is_url && context == nullptr) {
+  const bool is_url = has_scheme(to);
+  if (context == nullptr && to.find('/') == std::string::npos) {
     return fail(ErrorCode::kInvalidArgument,
-                "where to? Give ws://host/stream, or: eigencast-sender context add NAME ws://host");
+                "where to? Give http://host:7490/stream, or: eigencast-sender context add NAME http://host:7490");
   }
   Target target{to, given};
   if (context == nullptr) return target;

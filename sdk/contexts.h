@@ -12,7 +12,7 @@ namespace eigencast {
 /// A broker under a name, so that its URL, token and authorities need not be typed.
 struct Context {
   std::string name;
-  std::string url;  ///< ws://host[:port], or of one stream.
+  std::string url;  ///< http://host[:port], or of one stream.
   Credentials credentials = {};
 };
 
@@ -49,7 +49,7 @@ struct Target {
 /// What a user means by a URL or name, credentials and a context's name, any of which may be empty:
 ///   a URL    unchanged; a context's credentials go only to its own host and port. Where none is named, those of any
 ///            context whose broker this is
-///   a name   that stream at the context's broker
+///   a name   that stream at the context's broker; without a context host/stream is a URL
 ///   nothing  the context's URL
 /// Errors: kInvalidArgument (neither a URL nor a context), kNotFound (no such context).
 Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& context,

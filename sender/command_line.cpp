@@ -18,23 +18,23 @@ namespace eigencast {
 namespace {
 
 constexpr const char* kExamples =
-    R"(eigencast-sender play heart --to ws://localhost:7490/demo
-eigencast-sender play clip.npy --to ws://broker/live/clip --rate 15    # poses a second; the broker triples them
-eigencast-sender play fox.glb --animation Run --to ws://broker/fox
-eigencast-sender play cloth.pc2 --rest cloth.obj --once --to ws://broker/cloth
-eigencast-sender play 'frames/*.obj' --once --to ws://broker/show
-simulation | eigencast-sender pipe --mesh rest.obj --to ws://broker/sim
-eigencast-sender deform heart --to ws://broker/heart                   # a window: drag the cage around it
+    R"(eigencast-sender play heart --to http://localhost:7490/demo
+eigencast-sender play clip.npy --to http://broker:7490/live/clip --rate 15    # poses a second; the broker triples them
+eigencast-sender play fox.glb --animation Run --to http://broker:7490/fox
+eigencast-sender play cloth.pc2 --rest cloth.obj --once --to http://broker:7490/cloth
+eigencast-sender play 'frames/*.obj' --once --to http://broker:7490/show
+simulation | eigencast-sender pipe --mesh rest.obj --to http://broker:7490/sim
+eigencast-sender deform heart --to http://broker:7490/heart                   # a window: drag the cage around it
 eigencast-sender deform heart --to studio/ann --watch studio/bob         # and see what another one does
-eigencast-sender deform heart --script twist --to ws://broker/heart     # by a cage that is made around it
-eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to ws://broker/dragon
-eigencast-sender replay show.ecrec --to ws://broker/show --from 60
+eigencast-sender deform heart --script twist --to http://broker:7490/heart     # by a cage that is made around it
+eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to http://broker:7490/dragon
+eigencast-sender replay show.ecrec --to http://broker:7490/show --from 60
 eigencast-sender bake scan.ply --rank 300
 eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # as many coefficients as that takes
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
 eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json
 eigencast-sender export fox.glb --to fox.mdd
-eigencast-sender context add studio wss://broker.example --token "$TOKEN"
+eigencast-sender context add studio https://broker.example --token "$TOKEN"
 eigencast-sender play heart --to demo                                  # at the context's broker
 eigencast-sender completion bash > ~/.local/share/bash-completion/completions/eigencast-sender)";
 
@@ -82,7 +82,7 @@ void add_context_commands(CLI::App& app, Settings& s) {
   };
   CLI::App* added = add("add", "Add a broker, or change it; the first is the current one");
   added->add_option("name", s.context.name, "what to call it")->required();
-  added->add_option("url", s.context.url, "ws://host[:port] or wss://..., or of one stream")->required();
+  added->add_option("url", s.context.url, "http://host[:port] or https://..., or of one stream")->required();
   // Not that of the environment: it would be kept, and it may be another broker's.
   add_credential_options(*added, s.context.credentials);
   add("list", "List them; the current one has a star")->add_flag("--json", s.context.json, "as JSON");

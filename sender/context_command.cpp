@@ -24,7 +24,7 @@ void print(const Contexts& contexts, bool as_json) {
                 token ? "  (with a token)" : "");
   }
   if (as_json) std::printf("%s\n", list.dump(2).c_str());
-  if (!as_json && list.empty()) std::puts("no contexts; add one: eigencast-sender context add NAME ws://host");
+  if (!as_json && list.empty()) std::puts("no contexts; add one: eigencast-sender context add NAME http://host");
 }
 
 /// Returns it as it is kept: files are named from the root, since it will be used from other folders, and

@@ -144,8 +144,8 @@ CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors
 
 void add_target_options(CLI::App& app, TargetOptions& target) {
   app.add_option("--to", target.url,
-                 "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well; ws://a,b/stream: the "
-                 "brokers a and b of a cluster in turn), or a stream at the context's broker")
+                 "http://host[:port]/stream (https:// for TLS; http://a,b/stream: the brokers a and b of a cluster in "
+                 "turn), or a stream at the context's broker")
       ->envname("EIGENCAST_URL");
   add_credential_options(app, target.credentials)->envname("EIGENCAST_TOKEN");
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")

@@ -223,7 +223,7 @@ UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_op
   }
   ImGui::Dummy({0, 6 * scale});
   ImGui::TextUnformatted("Watch a stream, or open a file");
-  if (draw_open_line("ws://host:7490/stream, or a path", "Open", 64 * scale, to_open)) requests.open = to_open.data();
+  if (draw_open_line("http://host:7490/stream, or a path", "Open", 64 * scale, to_open)) requests.open = to_open.data();
   ImGui::TextDisabled("or drop either on this window");
   if (!recent.empty()) {
     ImGui::Dummy({0, 6 * scale});

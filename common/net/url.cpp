@@ -20,13 +20,14 @@ namespace {
 constexpr std::size_t kMaxUrlBytes = 12 * 1024;  // A token may be part of it.
 constexpr std::size_t kMaxTokenBytes = 8 * 1024;
 constexpr std::size_t kMaxBrokers = 16;
+constexpr std::uint16_t kDefaultPort = 7490;  ///< Without a scheme.
 
 Error bad_url(std::string_view text, std::string_view why) {
-  // Without what may be secret: the query, and what stands before a host.
+  // Without what may be secret: query and fragment, and what stands before a host.
   std::string shown = without_user_info(text);
-  shown.resize(std::min({shown.size(), std::size_t{200}, shown.find('?')}));
+  shown.resize(std::min({shown.size(), std::size_t{200}, shown.find_first_of("?#")}));
   return fail(ErrorCode::kInvalidArgument, "\"" + shown + "\" is not a broker's URL: " + std::string(why) +
-                                               "; a URL is, for example, ws://host:7490/stream");
+                                               "; a URL is, for example, http://host:7490/stream");
 }
 
 bool starts_with_any_case(std::string_view text, std::string_view prefix) {
@@ -41,16 +42,19 @@ bool is_host_character(char c, bool ipv6) {
   return std::isalnum(u) || c == '-' || c == '.' || c == '_';
 }
 
-bool take_scheme(std::string_view& rest, bool& tls) {
+/// Returns false if it is none that is known.
+bool take_scheme(std::string_view& rest, BrokerUrl& url) {
   constexpr std::pair<std::string_view, bool> kSchemes[] = {
       {"ws://", false}, {"http://", false}, {"wss://", true}, {"https://", true}};
   for (const auto& [scheme, is_tls] : kSchemes) {
     if (!starts_with_any_case(rest, scheme)) continue;
     rest.remove_prefix(scheme.size());
-    tls = is_tls;
+    url.tls = is_tls;
+    url.port = is_tls ? 443 : 80;
     return true;
   }
-  return false;
+  url.port = kDefaultPort;
+  return rest.find_first_of("/?#") != rest.find("://") + 1;
 }
 
 /// Splits "host:port" or "[v6]:port". Returns what is wrong, or nothing.
@@ -90,12 +94,13 @@ std::string_view take_authority(std::string_view authority, std::string_view res
     return "the scheme stands once, before the first of several brokers, and is the same for all: ws://a,b/stream";
   }
   const std::size_t end = std::min(authority.find(','), authority.size());
+  const std::uint16_t usual = url.port;
   std::string_view why = take_broker(authority.substr(0, end), url.host, url.port);
   for (std::size_t comma = end; why.empty() && comma < authority.size();) {
     authority.remove_prefix(comma + 1);
     comma = std::min(authority.find(','), authority.size());
     if (url.brokers() == kMaxBrokers) return "it names more than 16 brokers";
-    auto& [host, port] = url.others.emplace_back("", BrokerUrl{}.port);
+    auto& [host, port] = url.others.emplace_back("", usual);
     why = take_broker(authority.substr(0, comma), host, port);
   }
   return why;
@@ -106,7 +111,7 @@ std::string authority_of(const std::string& host, std::uint16_t port) {
   return (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
 }
 
-/// Splits the token off, so that it is never shown with the query.
+/// Splits the token off, so that it is never shown with the query, and what is meant for the page.
 void take_query(std::string_view query, BrokerUrl& url) {
   constexpr std::string_view kToken = "access_token=";
   while (!query.empty()) {
@@ -115,7 +120,7 @@ void take_query(std::string_view query, BrokerUrl& url) {
     query.remove_prefix(std::min(end + 1, query.size()));
     if (parameter.starts_with(kToken)) {
       url.credentials.token = parameter.substr(kToken.size());
-    } else {
+    } else if (!parameter.starts_with("embed=")) {
       url.query += (url.query.empty() ? "" : "&") + std::string(parameter);
     }
   }
@@ -173,9 +178,13 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
       return bad_url(text, "it contains a space or another character that URLs must not have");
   BrokerUrl url;
   std::string_view rest = text;
-  if (!take_scheme(rest, url.tls))
-    return bad_url(text, "it must start with ws:// or wss:// (http:// and https:// do as well)");
-  if (rest.find('#') != std::string_view::npos) return bad_url(text, "a '#' has no meaning here");
+  if (!take_scheme(rest, url))
+    return bad_url(text, "it must start with http:// or https:// (ws:// and wss:// do as well), or with the host");
+  BrokerUrl fragment;
+  if (const std::size_t mark = rest.find('#'); mark != std::string_view::npos) {
+    take_query(rest.substr(mark + 1), fragment);
+    rest = rest.substr(0, mark);
+  }
 
   const std::size_t authority_end = rest.find_first_of("/?");
   const std::string_view authority = rest.substr(0, authority_end);
@@ -186,6 +195,7 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
     take_query(rest.substr(mark + 1), url);
     rest = rest.substr(0, mark);
   }
+  if (url.credentials.token.empty()) url.credentials = std::move(fragment.credentials);
   take_endpoint(rest, url);
   if (rest.starts_with('/')) rest.remove_prefix(1);
   url.stream = rest;

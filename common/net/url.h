@@ -22,14 +22,14 @@ struct Credentials {
   bool operator==(const Credentials&) const = default;
 };
 
-/// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw. http:// is taken for
-/// ws:// and https:// for wss://, since one port serves both and people copy either; the port is 7490 for all four
-/// unless it is stated. ws://a,b:7491/stream names several brokers of one cluster, as URLs of PostgreSQL and MongoDB
-/// do: all else, credentials included, is the same for each.
+/// Where a broker and, if the path names one, a stream are: http://host[:port]/stream/name?rate=raw, the URL of its
+/// page. ws:// and http:// are the same (port 80), so are wss:// and https:// (443); none at all is http:// on port
+/// 7490. http://a:7490,b:7490/stream names several brokers of one cluster: all else, credentials included, is the same
+/// for each. Of a fragment only access_token counts.
 struct BrokerUrl {
   bool tls = false;  ///< wss:// or https://
   std::string host;  ///< Name or address; IPv6 without its brackets. Of the first broker, as is the port.
-  std::uint16_t port = 7490;
+  std::uint16_t port = 0;
   std::vector<std::pair<std::string, std::uint16_t>> others;  ///< Host and port of each further broker; as a rule none.
   std::string address;  ///< Of those that the host has, the one to connect to; empty: any.
   std::string stream;   ///< Without a leading '/', and without "/v1/subscribe/" or "/v1/publish/". May be empty.

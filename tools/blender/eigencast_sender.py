@@ -218,8 +218,8 @@ class EIGENCAST_PT_panel(bpy.types.Panel):
 
 
 class EigencastSettings(bpy.types.PropertyGroup):
-    url: bpy.props.StringProperty(name="To", default="ws://localhost:7490/blender",
-                                  description="ws://host[:port]/stream; empty: the sender's current context")
+    url: bpy.props.StringProperty(name="To", default="http://localhost:7490/blender",
+                                  description="http://host[:port]/stream; empty: the sender's current context")
     program: bpy.props.StringProperty(name="Program", default="eigencast-sender", description="Name or path of eigencast-sender")
 
 

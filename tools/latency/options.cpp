@@ -21,11 +21,11 @@ constexpr const char* kExamples =
     R"(eigencast-latency loop                              # a broker of its own, the heart, 30 poses/s, raw
 eigencast-latency loop --interp 3 --clients 1000    # x 3, with 999 light viewers beside the measured one
 eigencast-latency loop --present 1440x900           # input to picture
-eigencast-latency loop ws://broker:7490/test --duration 40 --fail-if 'p99>60ms' --json result.json
-eigencast-latency pair --publish ws://broker:7490/test --duration 60     # on the one machine
-eigencast-latency pair --subscribe ws://broker:7490/test --duration 30   # on the other
-eigencast-latency passive ws://broker:7490/lab/horse                     # of a stream that is there already
-eigencast-latency probe ws://broker:7490                                 # round trip and clock only
+eigencast-latency loop http://broker:7490/test --duration 40 --fail-if 'p99>60ms' --json result.json
+eigencast-latency pair --publish http://broker:7490/test --duration 60     # on the one machine
+eigencast-latency pair --subscribe http://broker:7490/test --duration 30   # on the other
+eigencast-latency passive http://broker:7490/lab/horse                     # of a stream that is there already
+eigencast-latency probe http://broker:7490                                 # round trip and clock only
 eigencast-latency sweep --rates 30,60 --clients 1,100,1000 --interps 1,3
 eigencast-latency compare before.json after.json)";
 
@@ -130,7 +130,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   app.require_subcommand(1);
 
   CLI::App* loop = app.add_subcommand("loop", "sender and viewer in this process, on one clock: exact");
-  loop->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
+  loop->add_option("url", o.inputs.url, "http://host:port/stream, or https:// (default: a broker of its own)");
   loop->add_option("--viewer-url", o.inputs.viewer_url, "viewers go here instead, for example through a relay");
   loop->add_option("--clients", o.inputs.clients, "viewers; all but one are light")
       ->check(kClients)
@@ -147,18 +147,18 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   add_viewer(*pair, o);
 
   CLI::App* passive = app.add_subcommand("passive", "watch a stream that somebody else sends");
-  passive->add_option("url", o.inputs.url, "ws://host:port/stream, or wss://")->required();
+  passive->add_option("url", o.inputs.url, "http://host:port/stream, or https://")->required();
   add_viewer(*passive, o);
 
   CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and the offset of its clock");
-  probe->add_option("url", o.inputs.url, "ws://host:port, or wss://")->required();
+  probe->add_option("url", o.inputs.url, "http://host:port, or https://")->required();
   probe->add_option("--count", o.pings, "pings")->check(CLI::Range(1, 100000))->capture_default_str();
   probe->add_option("--json", o.json, "write the result here (- for standard output)")
       ->check(output_path(check_output_file));
   add_access(*probe, o.inputs);
 
   CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
-  sweep->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
+  sweep->add_option("url", o.inputs.url, "http://host:port/stream, or https:// (default: a broker of its own)");
   sweep->add_option("--rates", o.rates, "keys a second")->check(kRates)->delimiter(',');
   sweep->add_option("--clients", o.clients, "viewers")->check(kClients)->delimiter(',');
   sweep->add_option("--interps", o.interpolations, "poses per key")->check(kInterpolations)->delimiter(',');

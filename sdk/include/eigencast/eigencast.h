@@ -162,7 +162,7 @@ typedef struct ec_publisher_options {
   double bitrate; /**< Bits a second to keep to, by coarser levels, then fewer bands (default: as the error takes). */
   int64_t still_heartbeat_us; /**< While the surface stands still, send it only so often (default: every pose). */
   const char* token;   /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
-  const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
+  const char* ca_file; /**< PEM file of the authorities trusted for https:// (default: the system's). */
   const char*
       certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
   const char* key_file; /**< PEM file of its private key. */
@@ -183,7 +183,7 @@ typedef struct ec_publisher_stats {
 } ec_publisher_stats;
 
 /**
- * Starts connecting to ws://host:port/stream in the background and returns at once. ws://a:7490,b:7490/stream names
+ * Starts connecting to http://host:port/stream in the background and returns at once. http://a:7490,b:7490/stream names
  * several brokers of a cluster: when one is lost the next is tried at once; the token goes to each.
  * Errors: EC_INVALID_ARGUMENT (URL, stream name, options).
  */
@@ -222,7 +222,7 @@ typedef struct ec_subscriber_options {
   size_t struct_size;
   const char* cache_dir; /**< Where downloaded assets are kept; "" for nowhere (default: the user's cache folder). */
   const char* token;     /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
-  const char* ca_file;   /**< PEM file of the authorities trusted for wss:// (default: the system's). */
+  const char* ca_file;   /**< PEM file of the authorities trusted for https:// (default: the system's). */
   const char*
       certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
   const char* key_file; /**< PEM file of its private key. */
@@ -267,7 +267,7 @@ typedef struct ec_surface {
   const ec_scalar* scalar_info; /**< scalar_count; null where the sender does not say. */
 } ec_surface;
 
-/** Starts connecting to ws://host:port/stream[?rate=raw] in the background; several brokers as for publishers.
+/** Starts connecting to http://host:port/stream[?rate=raw] in the background; several brokers as for publishers.
  * Errors: EC_INVALID_ARGUMENT. */
 EC_API ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options,
                                       ec_subscriber** subscriber);

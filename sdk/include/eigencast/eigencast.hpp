@@ -120,7 +120,7 @@ class Asset {
 /// How a client identifies itself, and which authorities it trusts.
 struct Access {
   std::string token = {};             ///< "@FILE" reads it; empty: EIGENCAST_TOKEN of the environment.
-  std::string ca_file = {};           ///< PEM file of the authorities trusted for wss://; empty: the system's.
+  std::string ca_file = {};           ///< PEM file of the authorities trusted for https://; empty: the system's.
   std::string certificate_file = {};  ///< PEM file of a certificate of your own, for brokers that ask for one.
   std::string key_file = {};          ///< PEM file of its private key.
   bool insecure = false;              ///< The broker's certificate is not checked; for trying out only.

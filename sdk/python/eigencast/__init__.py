@@ -2,10 +2,10 @@
 """Publish and watch deforming 3D surfaces: libeigencast from Python, by ctypes and numpy.
 
     asset = eigencast.bake(positions, faces)              # (n, 3) floats, (F, 3) integers; no faces: a point cloud
-    with eigencast.Publisher("ws://broker/demo", asset) as publisher:
+    with eigencast.Publisher("http://broker:7490/demo", asset) as publisher:
         publisher.send(positions)                         # never blocks
 
-    with eigencast.Subscriber("ws://broker/demo") as subscriber:
+    with eigencast.Subscriber("http://broker:7490/demo") as subscriber:
         pose = subscriber.next(timeout=1.0)               # a Pose, or None if none came
 
 Errors are raised as Error; what becomes of a pose that is sent is a value (Sent). An object is used from one thread at a time;

@@ -180,8 +180,8 @@ class Scalar:
 
 
 class Publisher(_Object):
-    """Publishes one deforming surface to ws://host:port/stream, and keeps doing so across lost connections; with
-    ws://a:7490,b:7490/stream at the next broker of the cluster.
+    """Publishes one deforming surface to http://host:port/stream, and keeps doing so across lost connections; with
+    http://a:7490,b:7490/stream at the next broker of the cluster.
 
       error               root mean square vertex error that quantising may add, model units (default: 1e-3 of the diagonal)
       bitrate             bits a second to keep to (default: as the error takes)
@@ -271,7 +271,7 @@ class SubscriberStats:
 
 
 class Subscriber(_Object):
-    """Watches ws://host:port/stream[?rate=raw], and keeps doing so across lost connections; several brokers as of Publisher.
+    """Watches http://host:port/stream[?rate=raw], and keeps doing so across lost connections; several brokers as of Publisher.
 
       detail     fraction of the vertices to rebuild, 0..1
       max_vertices  instead: at most so many, but no fewer than the coarsest level of detail has

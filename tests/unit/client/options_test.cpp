@@ -61,9 +61,9 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   EXPECT_FALSE(options({}).credentials.front().insecure);
   EXPECT_EQ(options({"ws://other/x"}).credentials.front().token, "") << "another broker's";
   const auto shown = options({"ws://other/x?access_token=t.o.k&rate=raw"});
-  EXPECT_EQ(shown.scene.streams.front(), "ws://other:7490/x?rate=raw");
+  EXPECT_EQ(shown.scene.streams.front(), "ws://other:80/x?rate=raw");
   EXPECT_EQ(shown.credentials.front().token, "t.o.k");
-  EXPECT_EQ(options({"ws://a,b:1/x?access_token=t"}).scene.streams.front(), "ws://a:7490,b:1/x");
+  EXPECT_EQ(options({"ws://a,b:1/x?access_token=t"}).scene.streams.front(), "ws://a:80,b:1/x");
   EXPECT_EQ(std::get<ExitNow>(parsed({"--context", "none"})).code, kExitUsage);
   // A token is for one broker: the first, or the context's that is named.
   const auto tokens = [&](std::vector<const char*> arguments) {
@@ -72,7 +72,7 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
     return all;
   };
   using Tokens = std::vector<std::string>;
-  EXPECT_EQ(tokens({"--token", "t", "file:heart", "ws://a/x", "wss://a/x", "ws://a:7490/y", "ws://b/x?access_token=u"}),
+  EXPECT_EQ(tokens({"--token", "t", "file:heart", "ws://a/x", "wss://a/x", "ws://a:80/y", "ws://b/x?access_token=u"}),
             (Tokens{"", "t", "", "t", "u"}));
   EXPECT_EQ(tokens({"--token", "t", "--context", "studio", "ws://a/x", "live/b"}), (Tokens{"", "t"}));
   EXPECT_EQ(tokens({"--token", "t", "ws://a/x", "live/b"}), (Tokens{"t", "secret"})) << "the context's own";

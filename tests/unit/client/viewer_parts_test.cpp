@@ -333,7 +333,7 @@ TEST(OpenedLater, TokenGoesToItsBrokerOnly) {
   credentials[2].token = "of this machine";
   const auto token = [&](const std::string& url) { return credentials_for(url, streams, credentials).token; };
   EXPECT_EQ(token("wss://lab:7490/elephant?rate=raw"), "of the lab");
-  EXPECT_EQ(token("https://lab/v1/subscribe/elephant"), "of the lab") << "the same broker in other words";
+  EXPECT_EQ(token("https://lab:7490/v1/subscribe/elephant"), "of the lab") << "the same broker in other words";
   EXPECT_EQ(token("ws://127.0.0.1:9000/horse"), "of this machine");
   EXPECT_EQ(token("ws://lab:7490/horse"), "") << "never in the clear what was given for TLS";
   EXPECT_EQ(token("wss://lab:7491/horse"), "");

@@ -53,7 +53,7 @@ TEST(Report, JsonIsValidAndHasItsInputs) {
   EXPECT_EQ(json["schema"], "eigencast-latency");
   EXPECT_EQ(json["schema_version"], 1);
   EXPECT_EQ(json["inputs"]["rate_hz"], 30);
-  EXPECT_EQ(json["inputs"]["url"], "ws://broker:7490/test");
+  EXPECT_EQ(json["inputs"]["url"], "ws://broker:80/test");
   EXPECT_EQ(json["inputs"]["mode"], "loop");
   EXPECT_EQ(json["environment"]["eigencast_version"], "1.2.3");
   EXPECT_EQ(json["keys"]["count"], 1000);

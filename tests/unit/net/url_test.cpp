@@ -35,25 +35,30 @@ TEST_P(GoodUrl, IsSplitIntoItsParts) {
 
 INSTANTIATE_TEST_SUITE_P(
     Table, GoodUrl,
-    ::testing::Values(
-        Good{"ws://localhost/heart", false, "localhost", 7490, "heart", "", "ws://localhost:7490"},
-        Good{"ws://localhost", false, "localhost", 7490, "", "", "ws://localhost:7490"},
-        Good{"ws://localhost/", false, "localhost", 7490, "", "", "ws://localhost:7490"},
-        Good{"WS://h:80/a/b.c", false, "h", 80, "a/b.c", "", "ws://h:80"},
-        Good{"http://10.0.0.1:8080/a?rate=raw&k=3", false, "10.0.0.1", 8080, "a", "rate=raw&k=3", "ws://10.0.0.1:8080"},
-        Good{"wss://broker.example/a", true, "broker.example", 7490, "a", "", "wss://broker.example:7490"},
-        Good{"https://b/a", true, "b", 7490, "a", "", "wss://b:7490"},
-        Good{"ws://[::1]:7000/a", false, "::1", 7000, "a", "", "ws://[::1]:7000"},
-        Good{"ws://[fe80::1]/a", false, "fe80::1", 7490, "a", "", "ws://[fe80::1]:7490"},
-        Good{"ws://h/v1/subscribe/a/b", false, "h", 7490, "a/b", "", "ws://h:7490"},
-        Good{"ws://h/v1/publish/a?x", false, "h", 7490, "a", "x", "ws://h:7490"},
-        Good{"ws://h/v1/subscribe", false, "h", 7490, "", "", "ws://h:7490"},
-        Good{"ws://h/v1/subscribers", false, "h", 7490, "v1/subscribers", "", "ws://h:7490"},
-        Good{"ws://h?rate=raw", false, "h", 7490, "", "rate=raw", "ws://h:7490"},
-        Good{"ws://h:65535/a", false, "h", 65535, "a", "", "ws://h:65535"}));
+    ::testing::Values(Good{"localhost/heart", false, "localhost", 7490, "heart", "", "ws://localhost:7490"},
+                      Good{"localhost", false, "localhost", 7490, "", "", "ws://localhost:7490"},
+                      Good{"[::1]/heart?k=2", false, "::1", 7490, "heart", "k=2", "ws://[::1]:7490"},
+                      Good{"h:80/a?b=http://c", false, "h", 80, "a", "b=http://c", "ws://h:80"},
+                      Good{"http://localhost/heart", false, "localhost", 80, "heart", "", "ws://localhost:80"},
+                      Good{"ws://localhost/", false, "localhost", 80, "", "", "ws://localhost:80"},
+                      Good{"http://h/a?embed=1&k=3#eye=1,2,3&target=0,0,0", false, "h", 80, "a", "k=3", "ws://h:80"},
+                      Good{"WS://h:80/a/b.c", false, "h", 80, "a/b.c", "", "ws://h:80"},
+                      Good{"http://10.0.0.1:8080/a?rate=raw&k=3", false, "10.0.0.1", 8080, "a", "rate=raw&k=3",
+                           "ws://10.0.0.1:8080"},
+                      Good{"wss://broker.example/a", true, "broker.example", 443, "a", "", "wss://broker.example:443"},
+                      Good{"https://b/a", true, "b", 443, "a", "", "wss://b:443"},
+                      Good{"ws://[::1]:7000/a", false, "::1", 7000, "a", "", "ws://[::1]:7000"},
+                      Good{"ws://[fe80::1]/a", false, "fe80::1", 80, "a", "", "ws://[fe80::1]:80"},
+                      Good{"ws://h/v1/subscribe/a/b", false, "h", 80, "a/b", "", "ws://h:80"},
+                      Good{"ws://h/v1/publish/a?x", false, "h", 80, "a", "x", "ws://h:80"},
+                      Good{"ws://h/v1/subscribe", false, "h", 80, "", "", "ws://h:80"},
+                      Good{"ws://h/v1/subscribers", false, "h", 80, "v1/subscribers", "", "ws://h:80"},
+                      Good{"ws://h?rate=raw", false, "h", 80, "", "rate=raw", "ws://h:80"},
+                      Good{"ws://h:65535/a", false, "h", 65535, "a", "", "ws://h:65535"}));
 
 TEST(Url, ErrorsShowNoSecret) {
-  for (const char* text : {"ws://a,b:99999/s?access_token=hidden", "ws://a,user:hidden@b/s", "user:hidden@b/s"}) {
+  for (const char* text : {"ws://a,b:99999/s?access_token=hidden", "ws://a,user:hidden@b/s", "user:hidden@b/s",
+                           "ws://a:0/s#access_token=hidden"}) {
     const auto url = parse_broker_url(text);
     ASSERT_FALSE(url) << text;
     EXPECT_EQ(url.error().message.find("hidden"), std::string::npos) << url.error().message;
@@ -75,10 +80,10 @@ TEST(Url, SecondSchemeIsNamedWithWhatToWrite) {
 TEST(Url, SeveralBrokersShareAllButHostAndPort) {
   const auto url = parse_broker_url("wss://a,[::1]:7000,c:81/live/x?rate=raw&access_token=t");
   ASSERT_TRUE(url) << url.error().message;
-  EXPECT_EQ(url->origin(), "wss://a:7490,[::1]:7000,c:81");
-  EXPECT_EQ(url->shown(), "wss://a:7490,[::1]:7000,c:81/live/x");
+  EXPECT_EQ(url->origin(), "wss://a:443,[::1]:7000,c:81");
+  EXPECT_EQ(url->shown(), "wss://a:443,[::1]:7000,c:81/live/x");
   ASSERT_EQ(url->brokers(), 3u);
-  const char* const origins[] = {"wss://a:7490", "wss://[::1]:7000", "wss://c:81"};
+  const char* const origins[] = {"wss://a:443", "wss://[::1]:7000", "wss://c:81"};
   for (std::size_t i = 0; i < 3; ++i) {
     const BrokerUrl one = url->at(i);
     EXPECT_EQ(one.origin(), origins[i]);
@@ -101,7 +106,9 @@ TEST(Url, InvalidUrlsAreRefused) {
                           "ws://a,b:/x",
                           "ws://a, b/x",
                           "ws://a,b,c,d,e,f,g,h,i,j,k,l,m,n,o,p,q/x",
-                          "localhost/heart",
+                          "/heart",
+                          "//h/heart",
+                          "h:/heart",
                           "ftp://h/a",
                           "ws:/h",
                           "ws://",
@@ -122,7 +129,6 @@ TEST(Url, InvalidUrlsAreRefused) {
                           "ws://h/a\r\nX: y",
                           "ws://h/\x7f",
                           "ws://h!/a",
-                          "ws://h/a#b",
                           "ws://::1/a"}) {
     const auto parsed = parse_broker_url(url);
     ASSERT_FALSE(parsed) << url;
@@ -139,7 +145,12 @@ TEST(Url, TokenIsNeverShown) {
   ASSERT_TRUE(url);
   EXPECT_EQ(url->credentials.token, "abc.d.e");
   EXPECT_EQ(url->query, "rate=raw&bands=2");
-  EXPECT_EQ(url->shown(), "wss://h:7490/a/b");
+  EXPECT_EQ(url->shown(), "wss://h:443/a/b");
+  for (const char* text : {"https://h/a#access_token=abc&eye=1,2,3", "h/a#access_token=abc", "h#access_token=abc"}) {
+    EXPECT_EQ(parse_broker_url(text)->credentials.token, "abc") << text;
+    EXPECT_EQ(parse_broker_url(text)->shown().find("abc"), std::string::npos) << text;
+  }
+  EXPECT_EQ(parse_broker_url("h/a?access_token=b#access_token=c")->credentials.token, "b");
 }
 
 TEST(Url, PathBeforeTheEndpointIsThePrefix) {

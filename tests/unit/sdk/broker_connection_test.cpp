@@ -284,7 +284,7 @@ TEST(BrokerConnection, TokensThatDifferShareNothing) {
   const auto accepts = [](const Shared&) { return true; };
   const auto get = [&](const std::string& url) { return all.get(*parse_broker_url(url), accepts); };
   const auto one = get("ws://host/a?access_token=one");
-  EXPECT_EQ(get("ws://host:7490/b?access_token=one"), one);
+  EXPECT_EQ(get("http://host:80/b?access_token=one"), one);
   EXPECT_NE(get("ws://host/a?access_token=two"), one);
   EXPECT_NE(get("ws://host:1/a?access_token=one"), one);
   EXPECT_NE(get("wss://host/a?access_token=one"), one);

@@ -72,6 +72,7 @@ TEST(Contexts, TargetsAreUrlsStreamsOrContexts) {
     return resolve_target(to, {}, name, contexts)->url;
   };
   EXPECT_EQ(url("ws://a/b", ""), "ws://a/b");
+  EXPECT_EQ(resolve_target("a/b", {}, "", Contexts())->url, "a/b") << "without a context a broker's";
   EXPECT_EQ(url("demo", ""), "ws://localhost:7490/demo");
   EXPECT_EQ(url("live/x", "studio"), "ws://studio.example:1234/live/x");
   EXPECT_EQ(url("", "studio"), "ws://studio.example:1234/live/stage");
@@ -115,7 +116,7 @@ TEST(Contexts, GivenCredentialsGoToOneBrokerOnly) {
     return resolve_beside(home, to, home.credentials, "", contexts)->credentials;
   };
   EXPECT_EQ(beside("ws://here.example/b").token, "mine");
-  EXPECT_EQ(beside("http://here.example:7490/b").token, "mine") << "the same broker";
+  EXPECT_EQ(beside("http://here.example:80/b").token, "mine") << "the same broker";
   EXPECT_EQ(beside("ws://elsewhere.example/b").token, "");
   EXPECT_EQ(beside("ws://elsewhere.example/b").ca_file, "trusted.pem");
   EXPECT_EQ(beside("ws://studio.example:1234/b").token, "secret") << "its own context's";
