@@ -4,6 +4,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <boost/asio/ip/udp.hpp>
 #include <boost/asio/post.hpp>
 #include <csignal>
 #include <ctime>
@@ -14,6 +15,7 @@
 #include "broker/config/show.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
+#include "broker/http/web_page.h"
 #include "broker/operation/admin.h"
 #include "common/core/clock.h"
 #include "common/core/files.h"
@@ -61,6 +63,16 @@ std::uint32_t read_epochs_end(const std::string& path, const LogSink& sink) {
   if (!end)
     log(sink, LogLevel::kWarning, path + " holds no whole number: epochs go on 1,024 above the seconds since 2026");
   return end ? *end : epochs_end_by_time(unix_now_s());
+}
+
+/// Of the interface that leads elsewhere, else of loopback. Sends nothing.
+asio::ip::address own_address() {
+  asio::io_context io;
+  asio::ip::udp::socket socket(io, asio::ip::udp::v4());
+  ErrorOf none;
+  socket.connect({asio::ip::make_address("192.0.2.1"), 9}, none);
+  const auto own = socket.local_endpoint(none).address();
+  return own.is_unspecified() ? asio::ip::address_v4::loopback() : own;
 }
 
 void send_bye_to_all(Context& loop, std::uint32_t spread_ms) {
@@ -165,6 +177,15 @@ Result<void> Broker::listen(const InheritedSockets& inherited) {
   const bool by_default = config().server.admin_listen == Config{}.server.admin_listen;
   if (by_default && data->port == 0) return {};
   return admin_listener_.open(*admin);
+}
+
+std::string Broker::page_url() const {
+  const auto listen = parse_address(config().server.listen);
+  if (!has_page(config()) || !listen) return {};
+  auto address = asio::ip::make_address(listen->host);
+  if (address.is_unspecified()) address = own_address();
+  const std::string host = address.is_v6() ? "[" + address.to_string() + "]" : address.to_string();
+  return (tls_ ? "https://" : "http://") + host + ":" + std::to_string(port()) + "/";
 }
 
 void Broker::accept(Socket socket) {

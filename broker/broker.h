@@ -46,6 +46,8 @@ class Broker {
   void handle_signals(std::function<Result<Config>()> load);
 
   std::uint16_t port() const { return data_listener_.port(); }
+  /// Where browsers find the page; empty: there is none. Of a wildcard address by the one that others reach.
+  std::string page_url() const;
   std::uint16_t admin_port() const { return admin_listener_.port(); }  ///< 0: off.
 
  private:

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <cstdio>
@@ -15,6 +16,7 @@
 #include "broker/backbone/member.h"
 #include "broker/broker.h"
 #include "broker/command_line/options.h"
+#include "broker/command_line/share.h"
 #include "broker/operation/logger.h"
 #include "common/core/files.h"
 
@@ -36,6 +38,21 @@ int token(int argc, char** argv, const std::vector<std::string>& environment) {
   const auto end = eigencast::broker::token_command(argc, argv, environment, std::time(nullptr), input);
   std::fputs(end.err.c_str(), stderr);
   return std::fputs(end.out.c_str(), stdout) < 0 ? 1 : end.code;
+}
+
+/// Prints the link, and on a terminal its QR code.
+eigencast::Result<void> share(const eigencast::broker::Config& config, const std::string& page) {
+  const auto token = eigencast::broker::viewing_token(config, std::time(nullptr));
+  if (!token) return token.error();
+  if (page.empty()) {
+    return eigencast::fail(eigencast::ErrorCode::kUnsupported,
+                           "--share needs the page: it is off (web.enabled), or this broker was built without it");
+  }
+  const std::string link = page + "#access_token=" + *token;
+  const std::string code = ::isatty(STDOUT_FILENO) != 0 ? eigencast::broker::qr_code(link) : std::string();
+  std::printf("%sWhoever has this link may watch, for 12 hours:\n%s\n", code.c_str(), link.c_str());
+  std::fflush(stdout);
+  return {};
 }
 
 int run(int argc, char** argv) {
@@ -84,9 +101,14 @@ int run(int argc, char** argv) {
     if (!written) return complain(written.error(), 1);
     (void)::chmod(options->port_file.c_str(), 0666 & ~usual);  // The port is for others.
   }
+  const std::string page = (*service)->page_url();
   eigencast::log(sink, eigencast::LogLevel::kInfo,
                  "listening on port " + std::to_string((*service)->port()) +
-                     ((*service)->admin_port() != 0 ? ", admin on " + std::to_string((*service)->admin_port()) : ""));
+                     ((*service)->admin_port() != 0 ? ", admin on " + std::to_string((*service)->admin_port()) : "") +
+                     (page.empty() ? "" : ", page at " + page));
+  if (!options->sources.share_secret.empty()) {
+    if (const auto shared = share(config, page); !shared) return complain(shared.error(), kUsage);
+  }
   (*service)->run();
   return 0;
 }

@@ -215,10 +215,14 @@ bool AccessPolicy::vouches_for(const Identity& identity, const AccessPolicy& for
          std::any_of(former.tokens_.keys.begin(), former.tokens_.keys.end(), same_key);
 }
 
+const std::string& AccessPolicy::host_of_page(const AccessRequest& request) const {
+  const bool proxied = !request.forwarded_host.empty() && is_trusted_proxy(request.peer);
+  return proxied ? request.forwarded_host : request.host;
+}
+
 bool AccessPolicy::is_own_page(const AccessRequest& request) const {
   if (request.origin.empty()) return true;
-  const bool proxied = !request.forwarded_host.empty() && is_trusted_proxy(request.peer);
-  const std::string& host = proxied ? request.forwarded_host : request.host;
+  const std::string& host = host_of_page(request);
   return !host.empty() && (request.origin == "http://" + host || request.origin == "https://" + host);
 }
 

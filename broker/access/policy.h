@@ -92,6 +92,8 @@ class AccessPolicy {
   }
   /// Keeps pages of other sites from using their visitor's access; only browsers send an origin.
   bool allows_origin(const AccessRequest& request) const;
+  /// The authority that a browser has for this broker, as the request or a trusted proxy says; hostile.
+  const std::string& host_of_page(const AccessRequest& request) const;
   /// Whether a request comes from this machine: over loopback, through no proxy, and not from a foreign page in a
   /// browser here. Pages that access.origins lists count if `listed_pages`. Claimed addresses never do.
   bool is_local(const AccessRequest& request, bool listed_pages) const;

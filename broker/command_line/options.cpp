@@ -7,6 +7,7 @@
 
 #include "broker/config/show.h"
 #include "common/command_line/command_line.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
@@ -16,6 +17,7 @@ constexpr const char* kExamples =
     "eigencast-broker --listen 127.0.0.1:0 --port-file PORT   # any free port, written to PORT\n"
     "eigencast-broker --config eigencast.toml --check-config  # tries a configuration\n"
     "eigencast-broker --default-config                        # all settings, explained\n"
+    "eigencast-broker --share                                 # others on this network may watch\n"
     "eigencast-broker token create --publish 'lab/**'         # a token for a sender";
 constexpr const char* kExitStatus = "0  ended as asked\n1  failure\n2  usage or configuration\n4  cannot listen";
 constexpr const char* kSettings =
@@ -81,9 +83,13 @@ Result<Options> read_options(int argc, const char* const* argv, const std::vecto
   std::vector<std::string> values(all.size());
   std::vector<CLI::Option*> flags;
   for (std::size_t i = 0; i < all.size(); ++i) flags.push_back(add_flag(app, all[i], values[i]));
+  bool share = false;
   bool show = false;
   bool defaults = false;
   app.add_option("--port-file", options.port_file, "Write the port to this file once listening");
+  app.add_flag("--share", share,
+               "Let others watch: listen beyond this machine, and print a link and its QR code, whose token views all "
+               "streams for 12 hours");
   app.add_flag("--check-config", options.check_only, "Read and check the configuration, then end");
   app.add_flag("--show-config", show, "Print every setting and where its value comes from, then end");
   app.add_flag("--default-config", defaults, "Print the default configuration file with its explanations, then end");
@@ -117,6 +123,7 @@ Result<Options> read_options(int argc, const char* const* argv, const std::vecto
   }
   if (options.sources.file.empty()) options.sources.file = default_config_file();
   options.sources.environment = environment;
+  if (share) options.sources.share_secret = random_id(64);
   if (const auto good = store(options.loaded, load_config(options.sources)); !good) return good.error();
   if (show) options.answer = shown_config(options.loaded);
   return options;

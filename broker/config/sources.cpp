@@ -170,6 +170,11 @@ Result<LoadedConfig> load_config(const ConfigSources& sources) {
     if (auto set = set_config(loaded.config, flag.path, flag.value); !set) return in_context(flag.name, set.error());
     loaded.origins[flag.path] = flag.name;
   }
+  if (!sources.share_secret.empty()) {
+    auto& [config, origins] = loaded;
+    if (origins.emplace("server.listen", "--share").second) config.server.listen = "0.0.0.0:7490";
+    if (origins.emplace("access.jwt_secret", "--share").second) config.access.jwt_secret = sources.share_secret;
+  }
   if (auto good = check_config(loaded.config); !good) return good.error();
   return loaded;
 }

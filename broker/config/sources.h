@@ -38,6 +38,8 @@ struct ConfigSources {
   std::string file;                      ///< Empty: none.
   std::vector<std::string> environment;  ///< "NAME=value"
   std::vector<Flag> flags;
+  /// --share: unless one is set, the secret for tokens, and an address beyond this machine. Empty: not given.
+  std::string share_secret = {};
 };
 
 /// Reads all sources and checks the result. Errors: as above; of the file kNotFound, kIo, kTooLarge (over 1 MiB).

@@ -12,6 +12,7 @@
 #include "broker/http/http_connection.h"
 #include "broker/http/http_target.h"
 #include "broker/http/stream_list.h"
+#include "broker/http/web_page.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/hub.h"
 #include "broker/websocket/protocol.h"
@@ -79,6 +80,8 @@ class HttpSession final : public HttpConnection {
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
 
   void decorate(HttpHeaders& headers) const override {
+    headers.emplace_back("X-Content-Type-Options", "nosniff");  // An asset must not be a script of the page's.
+    if (std::any_of(headers.begin(), headers.end(), [](const auto& h) { return h.first == kAnyOrigin.first; })) return;
     headers.emplace_back("Vary", "Origin");  // Always: else caches give the answer without an origin to pages.
     const std::string origin = header("Origin");
     if (origin.empty() || !context().gate.policy()->allows_origin(access_request({}))) return;
@@ -121,6 +124,8 @@ class HttpSession final : public HttpConnection {
       }};
     }
     if (method() == "OPTIONS") return {[this] { answer_preflight(); }};
+    if (parsed->kind == Target::Kind::kPage) return {[this, name = parsed->name] { serve_page(*this, name); }};
+    if (parsed->kind == Target::Kind::kWebFile) return {[this, name = parsed->name] { serve_web_file(*this, name); }};
     const auto refused = [this](const Denial& denial) { return Task{[this, denial] { answer_denial(denial); }}; };
     auto admission = context().gate.admit(access_request(parsed->token), steady_now_us(), std::time(nullptr));
     if (const auto* denied = std::get_if<Denial>(&admission)) return refused(*denied);
@@ -162,6 +167,9 @@ class HttpSession final : public HttpConnection {
         return serve_streams(target.query);
       case Target::Kind::kAsset:
         return serve_asset(*Sha256::from_hex(target.name));
+      case Target::Kind::kPage:
+      case Target::Kind::kWebFile:
+        break;  // Need no rights: admitted() serves them.
     }
   }
 

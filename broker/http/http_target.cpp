@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "broker/http/http_target.h"
 
+#include <strings.h>
+
 #include <algorithm>
 #include <charconv>
 
@@ -27,6 +29,7 @@ Result<Target> target_from_path(std::string_view path) {
   constexpr std::string_view kAssets = "/v1/assets/";
   constexpr std::string_view kPublish = "/v1/publish/";
   constexpr std::string_view kSubscribe = "/v1/subscribe/";
+  constexpr std::string_view kWeb = "/v1/web/";
   if (path == "/v1/streams") return Target{Target::Kind::kStreams, {}, {}, {}};
 #ifdef EIGENCAST_TEST_ENDPOINTS
   if (path == "/echo") return Target{Target::Kind::kEcho, {}, {}, {}};
@@ -39,8 +42,12 @@ Result<Target> target_from_path(std::string_view path) {
     if (Sha256::from_hex(name)) return Target{Target::Kind::kAsset, std::string(name), {}, {}};
     return fail(ErrorCode::kInvalidArgument, "an asset is named by 64 lower-case hexadecimal digits, its SHA-256");
   }
-  return fail(ErrorCode::kNotFound,
-              "there is nothing here; see /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
+  if (path.starts_with(kWeb)) return Target{Target::Kind::kWebFile, std::string(path.substr(kWeb.size())), {}, {}};
+  if (path == "/") return Target{Target::Kind::kPage, {}, {}, {}};
+  if (path.starts_with('/') && !path.starts_with("/v1/")) return stream_target(Target::Kind::kPage, path.substr(1));
+  return fail(
+      ErrorCode::kNotFound,
+      "there is nothing here; see /STREAM, /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
 }
 
 /// Splits the token from the query, so that the query can be logged. Tokens need no percent-encoding.
@@ -91,6 +98,23 @@ RangeRequest range_from_header(std::string_view header, std::uint64_t size) {
   if (size == 0 || (open_start ? *last == 0 : *first >= size)) return {RangeRequest::Kind::kUnsatisfiable};
   if (open_start) return {RangeRequest::Kind::kPart, size - std::min(size, *last), size - 1};
   return {RangeRequest::Kind::kPart, *first, open_end ? size - 1 : std::min(*last, size - 1)};
+}
+
+int weight_of(std::string_view header, std::string_view name) {
+  for (const std::string_view element : split(header, ',')) {
+    const auto parts = split(element, ';');
+    const std::string_view word = trimmed(parts.front());
+    if (word.size() != name.size() || ::strncasecmp(word.data(), name.data(), name.size()) != 0) continue;
+    double weight = 1;
+    for (const std::string_view part : parts) {
+      const std::string_view parameter = trimmed(part);
+      if (!parameter.starts_with("q=") && !parameter.starts_with("Q=")) continue;
+      const auto read = std::from_chars(parameter.data() + 2, parameter.data() + parameter.size(), weight);
+      if (read.ec != std::errc() || !(weight >= 0)) weight = 0;
+    }
+    return static_cast<int>(1000 * std::min(weight, 1.0));
+  }
+  return -1;
 }
 
 bool etag_matches(std::string_view header, std::string_view etag) {

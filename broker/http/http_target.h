@@ -10,9 +10,9 @@
 namespace eigencast::broker {
 
 struct Target {
-  enum class Kind { kStreams, kAsset, kPublish, kSubscribe, kEcho };
+  enum class Kind { kStreams, kAsset, kPublish, kSubscribe, kPage, kWebFile, kEcho };
   Kind kind = Kind::kStreams;  ///< kEcho: builds with EIGENCAST_TEST_ENDPOINTS only.
-  std::string name;            ///< Stream or asset; empty for /v1/streams and /v1/subscribe.
+  std::string name;            ///< Stream, asset, or file below /v1/web/; empty for /, /v1/streams and /v1/subscribe.
   std::string query;           ///< Without '?', and without access_token.
   std::string token;           ///< access_token of the query; empty: none.
 };
@@ -31,6 +31,9 @@ struct RangeRequest {
 
 /// Parses a Range header. Several ranges, other units and malformed headers are ignored, as RFC 9110 14.2 allows.
 RangeRequest range_from_header(std::string_view header, std::uint64_t size);
+
+/// The thousandths that a header such as Accept gives `name`; -1: it does not name it (RFC 9110, 12.4.2).
+int weight_of(std::string_view header, std::string_view name);
 
 /// Whether an If-None-Match header matches this entity tag (with its quotes).
 bool etag_matches(std::string_view header, std::string_view etag);

@@ -92,6 +92,7 @@ Result<void> check_stream_name(std::string_view name) {
   };
   if (name.empty()) return refuse("it is empty; give one, such as lab/horse");
   if (name.size() > limits::kMaxStreamNameBytes) return refuse("it is longer than 128 bytes");
+  if (name.starts_with("v1/")) return refuse("names below v1/ are paths of the protocol's own");
   for (const std::string_view segment : split(name, '/')) {
     if (segment.empty()) return refuse("a segment is empty; segments are joined by single '/'");
     if (segment == "." || segment == "..") return refuse("a segment is '.' or '..'");

@@ -81,6 +81,7 @@ LIBRARIES = {
                          "broker/sockets"}, 21),
     "Boost.Beast": (r"boost/beast/", {"common/net", "broker/http"}, 7),
     "libnats": (r"nats/", {"broker/backbone"}, 1),
+    "libqrencode": (r"qrencode\.h", {"broker/command_line"}, 1),
     "liburing": (r"liburing\.h", {"broker/sockets"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker/access", "broker/backbone", "broker/http", "broker/operation", "sdk", "sender",
                                      "sender/deform", "client", "tools/compare", "tools/latency"}, 28),

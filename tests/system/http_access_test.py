@@ -355,13 +355,13 @@ class HttpAccess(unittest.TestCase):
 
     def test_a_request_names_one_host(self):
         data, admin = self.start()
-        for port, target in ((data, "/v1/streams"), (admin, "/metrics"), (data, "/nothing")):
+        for port, target in ((data, "/v1/streams"), (admin, "/metrics"), (data, "/v1/nothing")):
             def status(version, *fields):
                 with socket.create_connection(("127.0.0.1", port), timeout=60) as sock:
                     sock.sendall("\r\n".join((f"GET {target} HTTP/{version}", *fields, "", "")).encode() * 2)
                     answers = b"".join(iter(lambda: sock.recv(65536), b""))
                 return [int(code) for code in re.findall(rb"^HTTP/1.1 (\d+)", answers, re.MULTILINE)]
-            good = 404 if target == "/nothing" else 200
+            good = 404 if target == "/v1/nothing" else 200
             self.assertEqual(status("1.0"), [good])
             self.assertEqual(status("1.1", "Host: localhost", "Connection: close"), [good])
             for bad in ([], ["Host: localhost", "host: localhost"], ["Host: 127.0.0.1%x.evil"], ["Host: [::1%1]"], ["Host: [::1].evil"],

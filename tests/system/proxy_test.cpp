@@ -155,6 +155,8 @@ TEST_F(ProxyTest, ASubPathStreamsAndProxiedClientsAreNotLocal) {
   auto sender = start_sender();
   const std::string ca = scene_.file("proxy.pem");
   EXPECT_TRUE(watches("anybody", {"--ca", ca})) << scene_.logs();
+  const std::string name = "https://localhost:" + port_ + "/eigencast/lab/horse";
+  EXPECT_THAT(curl(name, {"--header", "Accept: application/json"}), HasSubstr("\"../v1/subscribe/lab/horse\""));
   for (const std::string& proxies : {trusted, std::string("[proxy]\ntrusted = []\n")}) {
     ASSERT_TRUE(reloads(*broker, "[access]\nanonymous = \"loopback\"\n" + proxies));
     EXPECT_THAT(refusal("claimed", {"--ca", ca}), HasSubstr(" 401"));

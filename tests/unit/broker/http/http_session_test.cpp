@@ -50,7 +50,7 @@ TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
 
 TEST_F(HttpSessionTest, AnswersVaryByOrigin) {
   const std::string target = "/v1/assets/" + put_asset("0123456789");
-  for (const std::string& what : {target, std::string("/v1/streams"), std::string("/nothing")}) {
+  for (const std::string& what : {target, std::string("/v1/streams"), std::string("/v1/nothing")}) {
     EXPECT_EQ(request("GET", what).headers.at("Vary"), "Origin") << what << ": asked without an origin";
   }
 }
@@ -67,7 +67,7 @@ TEST_F(HttpSessionTest, RefusedRequestsOfAProxyCountForItsClients) {
     return wire;
   };
   std::vector<std::unique_ptr<Wire>> flood;
-  for (int i = 0; i < 40; ++i) flood.push_back(ask("GET /nothing", "192.0.2.1"));
+  for (int i = 0; i < 40; ++i) flood.push_back(ask("GET /v1/nothing", "192.0.2.1"));
   const auto another = ask("OPTIONS /v1/streams", "192.0.2.2");
   EXPECT_THAT(another->read_all().value_or("reset"), StartsWith("HTTP/1.1 204"));
   EXPECT_THAT(flood.back()->read_all().value_or("reset"), StartsWith("HTTP/1.1 429"));
@@ -140,7 +140,7 @@ TEST_F(HttpSessionTest, RequestsOfAConnectionWaitTheirTurn) {
 TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
   const std::string id = put_asset("0123456789");
   const std::string inner = "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n";
-  for (const std::string& target : {"/v1/assets/" + id, std::string("/v1/streams"), std::string("/nothing")}) {
+  for (const std::string& target : {"/v1/assets/" + id, std::string("/v1/streams"), std::string("/v1/nothing")}) {
     Wire wire(port_);
     wire.write("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: " + std::to_string(inner.size()) +
                "\r\n\r\n" + inner);

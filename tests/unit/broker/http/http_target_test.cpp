@@ -22,6 +22,11 @@ TEST(TargetTest, Paths) {
   EXPECT_EQ(target_from_text("/v1/subscribe")->name, "");
   EXPECT_EQ(target_from_text("/v1/publish/a")->kind, Target::Kind::kPublish);
   EXPECT_EQ(target_from_text("/v1/streams?x")->kind, Target::Kind::kStreams);
+  EXPECT_EQ(target_from_text("/lab/heart-1?k=3")->kind, Target::Kind::kPage);
+  EXPECT_EQ(target_from_text("/lab/heart-1?k=3")->name, "lab/heart-1");
+  EXPECT_EQ(target_from_text("/")->name, "");
+  EXPECT_EQ(target_from_text("/v1/web/x/page.js")->kind, Target::Kind::kWebFile);
+  EXPECT_EQ(target_from_text("/v1/web/x/page.js")->name, "x/page.js");
 }
 
 TEST(TargetTest, TokenIsRemovedFromQuery) {
@@ -39,16 +44,36 @@ TEST(TargetTest, TokenIsRemovedFromQuery) {
 TEST(TargetTest, ProxyPrefixIsRemoved) {
   EXPECT_EQ(target_from_text("/eigencast/v1/subscribe/a", "/eigencast")->name, "a");
   EXPECT_EQ(target_from_text("/v1/subscribe/a", "/eigencast")->name, "a");
-  EXPECT_FALSE(target_from_text("/eigencast/v1/subscribe/a"));
-  EXPECT_FALSE(target_from_text("/eigencastv1/streams", "/eigencast"));
-  EXPECT_FALSE(target_from_text("/eigencast/eigencast/v1/streams", "/eigencast"));
+  EXPECT_EQ(target_from_text("/eigencast/lab/a", "/eigencast")->name, "lab/a");
+  EXPECT_EQ(target_from_text("/eigencast/", "/eigencast")->name, "");
+  EXPECT_EQ(target_from_text("/eigencast/v1/streams")->kind, Target::Kind::kPage) << "a stream's name like others";
+  EXPECT_EQ(target_from_text("/eigencast/eigencast/v1/streams", "/eigencast")->name, "eigencast/v1/streams");
 }
 
 TEST(TargetTest, HostilePathsAreRefused) {
-  for (const char* bad :
-       {"", "/", "*", "/v1", "/v1/streams/", "/v2/streams", "/v1/assets", "/v1/assets/../../etc/passwd", "/v1/assets/",
-        "/v1/publish", "/v1/publish/", "/v1/publish/..", "/v1/publish/a//b", "/v1/publish/a/", "/v1/publish/a%2e",
-        "/v1/subscribe/", "/v1/subscribe/a b", "http://host/v1/streams"}) {
+  for (const char* bad : {"",
+                          "*",
+                          "v1/streams",
+                          "//",
+                          "/a/",
+                          "/a//b",
+                          "/..",
+                          "/<a>",
+                          "/v1/",
+                          "/v1/streams/",
+                          "/v1/web",
+                          "/v1/assets",
+                          "/v1/assets/../../etc/passwd",
+                          "/v1/assets/",
+                          "/v1/publish",
+                          "/v1/publish/",
+                          "/v1/publish/..",
+                          "/v1/publish/a//b",
+                          "/v1/publish/a/",
+                          "/v1/publish/a%2e",
+                          "/v1/subscribe/",
+                          "/v1/subscribe/a b",
+                          "http://host/v1/streams"}) {
     EXPECT_FALSE(target_from_text(bad)) << bad;
   }
   EXPECT_FALSE(target_from_text("/v1/assets/" + std::string(64, 'A'))) << "one name per object: lower case";
@@ -79,6 +104,16 @@ TEST(RangeTest, OtherRangesAreIgnoredOrUnsatisfiable) {
                               "bytes=1-2x", "bytes=--1", "bytes=99999999999999999999-"}) {
     EXPECT_EQ(range_from_header(ignored, 100).kind, Kind::kWhole) << ignored;
   }
+}
+
+TEST(WeightTest, NamesAreComparedAndWeightsRead) {
+  EXPECT_EQ(weight_of("gzip, br", "br"), 1000);
+  EXPECT_EQ(weight_of("GZip ; Q=0.25 , br", "gzip"), 250);
+  EXPECT_EQ(weight_of("text/html;level=1;q=0.5", "text/html"), 500);
+  EXPECT_EQ(weight_of("br;q=0", "br"), 0);
+  EXPECT_EQ(weight_of("br;q=7", "br"), 1000);
+  for (const char* bad : {"br;q=", "br;q=x", "br;q=-1", "br;q=nan"}) EXPECT_EQ(weight_of(bad, "br"), 0) << bad;
+  for (const char* other : {"", ",;,", "brr", "b", "x;br", "q=1"}) EXPECT_EQ(weight_of(other, "br"), -1) << other;
 }
 
 TEST(EtagTest, MatchesLists) {

@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: MIT
+#include "broker/http/web_page.h"
+
+#include <algorithm>
+#include <array>
+#include <ctime>
+#include <variant>
+
+#include "broker/http/http_target.h"
+#include "broker/relay/hub.h"
+#include "common/core/files.h"
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::uint64_t kMaxFileBytes = 16 << 20;
+constexpr int kRetryAfterS = 60;
+constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
+
+std::string_view type_of(std::string_view name) {
+  constexpr std::pair<std::string_view, std::string_view> kTypes[] = {
+      {".js", "text/javascript; charset=utf-8"}, {".css", "text/css; charset=utf-8"}, {".wasm", "application/wasm"}};
+  for (const auto& [end, type] : kTypes) {
+    if (name.ends_with(end)) return type;
+  }
+  return "application/octet-stream";
+}
+
+std::string etag_of(std::string_view bytes) {
+  return "\"" + sha256(bytes).hex().substr(0, 32) + "\"";
+}
+
+void answer_missing(HttpConnection& connection, const std::string& why, HttpHeaders headers = {}) {
+  headers.emplace_back("Cache-Control", "no-store");
+  connection.answer_error(HttpStatus::kNotFound, fail(ErrorCode::kNotFound, why), std::move(headers));
+}
+
+/// Answers by 304 where the client has it already; else charges the client's address for it.
+void answer_body(HttpConnection& connection, std::string_view body, const std::string& etag, HttpHeaders headers) {
+  headers.emplace_back("ETag", etag);
+  if (etag_matches(connection.header("If-None-Match"), etag)) {
+    return connection.answer(HttpStatus::kNotModified, {}, std::move(headers));
+  }
+  const TimeUs now_us = steady_now_us();
+  const auto payer = connection.context().gate.stranger(connection.access_request({}), now_us);
+  const auto taken = payer->take_download(connection.method() == "HEAD" ? 0 : body.size(), now_us);
+  if (!taken) return connection.answer_limit(taken.error().message, kRetryAfterS);
+  connection.answer(HttpStatus::kOk, std::string(body), std::move(headers));
+}
+
+/// Calls `then` with the file, or answers why there is none.
+void find_file(HttpConnection& connection, std::string_view name, std::function<void(const WebFile&)> then) {
+  const auto& web = connection.context().config.web;
+  if (!web.enabled) return answer_missing(connection, "the page of this broker is off (web.enabled)");
+  if (name.empty() || name.starts_with('.') || name.find_first_not_of(kLetters) != std::string_view::npos) {
+    return answer_missing(connection, "the page has no file of that name");
+  }
+  if (!web.folder.empty()) {
+    connection.arm(connection.context().config.timeouts.transfer_ms);
+    return connection.on_disk(
+        [path = web.folder + "/" + std::string(name)] { return read_file(path, kMaxFileBytes); },
+        [&connection, name = std::string(name), then = std::move(then)](const Result<std::string>& text) {
+          if (!text) return answer_missing(connection, "web.folder has no such file");
+          then({name, *text, {}, {}});
+        });
+  }
+  const auto files = web_files();
+  const auto file = std::find_if(files.begin(), files.end(), [&](const WebFile& each) { return each.name == name; });
+  if (file != files.end()) return then(*file);
+  answer_missing(connection, files.empty() ? "this broker was built without the page: cmake says what it takes"
+                                           : "the page has no file of that name");
+}
+
+/// What of a file the client takes, with its name; nothing: neither coding nor the file as it is.
+std::optional<std::pair<std::string_view, std::string_view>> chosen_coding(std::string_view accepted,
+                                                                           const WebFile& file) {
+  const int any = weight_of(accepted, "*");
+  const auto weight = [&](std::string_view name, int unnamed) {
+    const int own = weight_of(accepted, name);
+    return own >= 0 ? own : any >= 0 ? any : unnamed;
+  };
+  const std::array<std::pair<int, std::pair<std::string_view, std::string_view>>, 3> all{
+      {{file.brotli.empty() ? 0 : weight("br", 0), {"br", file.brotli}},
+       {file.gzip.empty() ? 0 : weight("gzip", 0), {"gzip", file.gzip}},
+       {weight("identity", 1), {{}, file.plain}}}};
+  const auto best = std::max_element(all.begin(), all.end(), [](auto& a, auto& b) { return a.first < b.first; });
+  return best->first > 0 ? std::optional(best->second) : std::nullopt;
+}
+
+/// Whether a request for a stream's URL wants to read HTML: its first choice, or as good as JSON that it does not name.
+bool wants_html(const std::string& accepted) {
+  const int any = weight_of(accepted, "*/*");
+  const auto weight = [&](std::string_view name, std::string_view range) {
+    const int own = weight_of(accepted, name), all = weight_of(accepted, range);
+    return own >= 0 ? own : all >= 0 ? all : any;
+  };
+  const int html = weight("text/html", "text/*"), json = weight("application/json", "application/*");
+  return html > json || (html == json && weight_of(accepted, "application/json") < 0);
+}
+
+/// From a stream's URL to the broker's root: proxies may have put a path in front.
+std::string root_from(std::string_view stream) {
+  std::string up;
+  for (auto slashes = std::count(stream.begin(), stream.end(), '/'); slashes > 0; --slashes) up += "../";
+  return up;
+}
+
+/// Sources of a content security policy are separated by blanks, its directives by ';'.
+std::string content_policy(const HttpConnection& connection, const Context& context) {
+  const auto fits = [](std::string_view source, const char* more) {
+    return source.find_first_not_of(std::string(kLetters) + more) == std::string_view::npos;
+  };
+  const auto policy = context.gate.policy();
+  const std::string host = policy->host_of_page(connection.access_request({}));
+  std::string text =
+      "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
+      "worker-src 'self'; connect-src 'self'";
+  if (!host.empty() && fits(host, ":[]")) text += " ws://" + host + " wss://" + host;
+  text += "; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
+  for (const std::string& origin : context.config.access.origins) {
+    if (fits(origin, ":[]/*")) text += " " + origin;
+  }
+  return text;
+}
+
+/// Lets the browser fetch the surface beside the code, where this request would be told of it without a token.
+std::string preload_of(const HttpConnection& connection, Context& context, const std::string& stream) {
+  const AccessRequest request = connection.access_request({});
+  if (stream.empty() || !request.authorization.empty()) return {};
+  const auto found = context.gate.policy()->identify(request, std::time(nullptr));
+  const auto* identity = std::get_if<Identity>(&found);
+  if (identity == nullptr || !identity->rights.subscribe.matches(stream)) return {};
+  const Stream* const known = context.hub.find(stream);
+  if (known == nullptr || known->epoch() == 0) return {};
+  return "<link rel=\"preload\" href=\"" + root_from(stream) + "v1/assets/" + known->asset() +
+         "\" as=\"fetch\" crossorigin>";
+}
+
+void replace_all(std::string& text, std::string_view mark, std::string_view by) {
+  for (auto at = text.find(mark); at != std::string::npos; at = text.find(mark, at + by.size())) {
+    text.replace(at, mark.size(), by);
+  }
+}
+
+void answer_endpoints(HttpConnection& connection, const std::string& stream) {
+  const std::string v1 = root_from(stream) + "v1/", name = stream.empty() ? "" : "/" + stream;
+  std::string body = "{\"subscribe\":\"" + v1 + "subscribe" + name;
+  if (!stream.empty()) body += "\",\"publish\":\"" + v1 + "publish" + name;
+  body += "\",\"assets\":\"" + v1 + "assets/\",\"streams\":\"" + v1 + "streams\"}\n";
+  connection.answer(HttpStatus::kOk, std::move(body), {kAnyOrigin, {"Vary", "Accept"}, {"Cache-Control", "no-cache"}});
+}
+
+}  // namespace
+
+bool has_page(const Config& config) {
+  return config.web.enabled && (!config.web.folder.empty() || !web_files().empty());
+}
+
+void serve_page(HttpConnection& connection, const std::string& stream) {
+  if (!connection.reads()) return connection.refuse_method("a stream's page takes GET and HEAD", "GET, HEAD");
+  if (connection.is_websocket_upgrade()) {
+    return answer_missing(connection, "the WebSockets of a stream are /v1/subscribe/STREAM and /v1/publish/STREAM");
+  }
+  if (!wants_html(connection.joined_headers("Accept"))) return answer_endpoints(connection, stream);
+  find_file(connection, "page.html", [&connection, stream](const WebFile& page) {
+    Context& context = connection.context();
+    std::string version(context.config.web.folder.empty() ? web_version() : "");
+    std::string text(page.plain);
+    replace_all(text, "{web}", root_from(stream) + "v1/web/" + (version.empty() ? "" : version + "/"));
+    replace_all(text, "</head>", preload_of(connection, context, stream) + "</head>");
+    answer_body(connection, text, etag_of(text),
+                {{"Content-Type", "text/html; charset=utf-8"},
+                 {"Cache-Control", "no-cache"},
+                 {"Content-Security-Policy", content_policy(connection, context)},
+                 {"Referrer-Policy", "no-referrer"},
+                 {"Vary", "Accept"}});
+  });
+}
+
+void serve_web_file(HttpConnection& connection, std::string_view rest) {
+  if (!connection.reads()) return connection.refuse_method("files of the page take GET and HEAD", "GET, HEAD");
+  // Another version's URL must not be answered, and so kept for ever, with this one's bytes.
+  const std::string current = std::string(web_version()) + "/";
+  const bool versioned = connection.context().config.web.folder.empty() && rest.starts_with(current);
+  if (versioned) rest.remove_prefix(current.size());
+  find_file(connection, rest, [&connection, versioned](const WebFile& file) {
+    const auto coding = chosen_coding(connection.joined_headers("Accept-Encoding"), file);
+    HttpHeaders headers{kAnyOrigin, {"Vary", "Accept-Encoding"}};
+    if (!coding) {
+      const Error why = fail(ErrorCode::kUnsupported, "accept gzip, br or identity");
+      return connection.answer_error(HttpStatus::kNotAcceptable, why, std::move(headers));
+    }
+    headers.emplace_back("Content-Type", type_of(file.name));
+    headers.emplace_back("Cache-Control", versioned ? "public, max-age=31536000, immutable" : "no-cache");
+    if (!coding->first.empty()) headers.emplace_back("Content-Encoding", coding->first);
+    const bool built_in = connection.context().config.web.folder.empty();
+    const std::string etag =
+        built_in ? "\"" + std::string(web_version()) + std::string(coding->first) + "\"" : etag_of(coding->second);
+    answer_body(connection, coding->second, etag, std::move(headers));
+  });
+}
+
+}  // namespace eigencast::broker
