@@ -29,6 +29,7 @@ constexpr double kDecodedPerUs = 450, kDecodedBytesPerUs = 8, kFloatBytesPerUs =
 constexpr std::size_t kMaxPayersAsked = 8;
 // What a key costs a profile besides poses: pacing, cutting bands.
 constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
+constexpr TimeUs kRetryUs = 50'000;  ///< After a key that nobody paid for.
 
 std::shared_ptr<const std::string> framed_text(const std::string& json) {
   return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, json));
@@ -206,9 +207,7 @@ void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
   ++keys_received_;
   tracer_.note_key(record->sequence, record->arrival_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, present_.newest);
-  for (auto& [profile, group] : groups_) {
-    if (group->take_key(*record)) group->feed.add_key(record, now_us, group->pending);
-  }
+  for (auto& [profile, group] : groups_) group->add_key(record, now_us);
   has_pending_ = true;
 }
 
@@ -290,6 +289,7 @@ void Stream::unwatch(Watcher& watcher) {
 
 void Stream::pump(TimeUs now_us) {
   for (auto& [profile, group] : groups_) {
+    if (group->retry_us && *group->retry_us <= now_us) group->add_key(present_.newest, now_us);
     group->feed.pump(now_us, group->pending);
   }
   has_pending_ = true;
@@ -304,8 +304,9 @@ void Stream::deliver() {
 std::optional<TimeUs> Stream::next_due_us() const {
   std::optional<TimeUs> next;
   for (const auto& [profile, group] : groups_) {
-    const auto due = group->feed.next_due_us();
-    if (due && (!next || *due < *next)) next = due;
+    for (const auto due : {group->feed.next_due_us(), group->retry_us}) {
+      if (due && (!next || *due < *next)) next = due;
+    }
   }
   return next;
 }
@@ -455,12 +456,15 @@ bool Stream::Group::charge_poses(double work_us) {
   return find_payer([](Watcher& watcher) { return watcher.charge_poses(0); });
 }
 
-bool Stream::Group::take_key(const KeyRecord& record) {
-  if (feed.profile().rate == Profile::Rate::kRaw) return true;
-  const double work_us = kProfileKeyUs + static_cast<double>(record.payload.size()) / kProfileKeyBytesPerUs;
-  if (find_payer([&](Watcher& watcher) { return watcher.take_key(work_us); })) return true;
+void Stream::Group::add_key(const KeyRecordPtr& record, TimeUs now_us) {
+  const double work_us = kProfileKeyUs + static_cast<double>(record->payload.size()) / kProfileKeyBytesPerUs;
+  retry_us.reset();
+  if (feed.profile().rate == Profile::Rate::kRaw ||
+      find_payer([&](Watcher& watcher) { return watcher.take_key(work_us); })) {
+    return feed.add_key(record, now_us, pending);
+  }
   feed.leave_gap();
-  return false;
+  retry_us = now_us + kRetryUs;
 }
 
 void Stream::deliver(Group& group) {

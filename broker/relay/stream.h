@@ -250,17 +250,18 @@ class Stream {
     Group(const Profile& profile, const Feed::Source& source)
         : feed(profile, source, [this](double work_us) { return charge_poses(work_us); }) {}
     bool charge_poses(double work_us);
-    /// Whether somebody pays for it; else its receivers get a join once somebody does.
-    bool take_key(const KeyRecord& record);
+    /// If somebody pays for it. Else it, or a newer one, is tried again, and its receivers get a join.
+    void add_key(const KeyRecordPtr& record, TimeUs now_us);
     /// Goes on to the first who does, if one of the next kMaxPayersAsked holders does.
     template <typename Pays>
     bool find_payer(Pays pays);
     void remove(const Watcher& watcher);
     Feed feed;
     std::vector<Watcher*> watchers;
-    std::size_t payer = 0;          ///< Who of them pays for poses while it can.
-    std::vector<FramePtr> pending;  ///< Made, waiting for deliver().
-    std::vector<FramePtr> traced;   ///< Sent frames whose traces are due.
+    std::size_t payer = 0;             ///< Who of them pays for poses while it can.
+    std::optional<TimeUs> retry_us{};  ///< When the newest key, which nobody paid for, is tried again.
+    std::vector<FramePtr> pending;     ///< Made, waiting for deliver().
+    std::vector<FramePtr> traced;      ///< Sent frames whose traces are due.
     std::shared_ptr<void> memory;
   };
 

@@ -232,6 +232,7 @@ TEST_P(SlowViewerTest, ShowsTheLastPoseOfASenderThatPauses) {
   for (unsigned seed = 0; seed < 150 && !HasFailure(); ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     SlowScene scene(GetParam(), seed);
+    if (seed % 2 == 1) scene.viewer_.become_poor();
     scene.play(300);
     scene.pause();
     ASSERT_FALSE(scene.viewer_.poses.empty());

@@ -188,6 +188,11 @@ TEST_F(StreamPosesTest, KeysOfProfilesAreLeftOutWhereNoViewerPays) {
   EXPECT_EQ(raw.keys_us, 0);
   EXPECT_TRUE(poor.frames.empty());
   EXPECT_GT(poor.keys_us, 10 * 4);
+  poor.pays = true;
+  wait(3 * kInterval);
+  ASSERT_FALSE(poor.frames.empty()) << "paid later, while the sender rests";
+  EXPECT_EQ(poor.frames.back()->envelope.sequence, 9u);
+  poor.pays = false;
   ASSERT_TRUE(stream_.watch(rich, kLinear));
   play(10);
   EXPECT_GE(poor.frames.size(), 10u) << "another viewer pays";
