@@ -7,6 +7,8 @@
 #include <limits>
 #include <utility>
 
+#include "common/core/text.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -19,20 +21,20 @@ constexpr double kRowBytesPerUs = 28;  ///< JSON at its worst.
 /// What heartbeats say.
 constexpr char kAlive = '+', kStopped = '-', kAsksForRows = '?';
 
-/// A frame behind its Follower::kHeadBytes.
-Bytes message_of(std::uint32_t epoch, std::uint64_t sequence, ByteView frame) {
-  Bytes message;
-  ByteWriter out(message);
+/// What comes before a frame in its message.
+Bytes head_of(std::uint32_t epoch, std::uint64_t sequence) {
+  Bytes head;
+  ByteWriter out(head);
   out.u32(epoch);
   out.u64(sequence);
-  out.bytes(frame);
-  return message;
+  return head;
 }
 
 }  // namespace
 
 Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environment environment)
     : settings_(std::move(settings)),
+      salt_(random_id(32)),
       link_(link),
       assets_(assets),
       environment_(std::move(environment)),
@@ -242,7 +244,7 @@ void Backbone::try_claim(const std::string& name) {
   const Stream* stream = hub_->find(name);
   // A row is forgotten in time; what viewers here have seen is not.
   const std::uint32_t of_row = known != nullptr && known->entry ? known->entry->epoch : 0;
-  const std::string sender = stream != nullptr ? sender_of(stream->holder(), settings_.id) : "";
+  const std::string sender = stream != nullptr ? sender_of(stream->holder(), salt_) : "";
   // A row may end at kMaxForeignEpoch; one above it would be believed by nobody.
   const std::uint32_t above = std::max(of_row < kMaxForeignEpoch ? of_row : 0, stream != nullptr ? stream->epoch() : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
@@ -308,8 +310,9 @@ void Backbone::on_announced(const Stream& stream) {
   if (following_.feeds(stream.name())) return;
   note(stream.name());
   DirectoryEntry entry{settings_.id,          stream.epoch(),  true,
-                       stream.announcement(), stream.resume(), sender_of(stream.holder(), settings_.id)};
-  own_[stream.name()] = {std::move(entry), stream.layout(), nullptr, {}};
+                       stream.announcement(), stream.resume(), sender_of(stream.holder(), salt_)};
+  const std::string frames = settings_.prefix + ".frames." + settings_.id + "." + token_from_stream(stream.name());
+  own_[stream.name()] = {std::move(entry), stream.layout(), frames, nullptr, {}};
 }
 
 void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
@@ -318,8 +321,7 @@ void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
   found->second.newest = record;
   found->second.join.clear();
   if (!connected_) return;
-  link_.publish(settings_.prefix + ".frames." + settings_.id + "." + token_from_stream(stream.name()),
-                message_of(stream.epoch(), record->sequence, record->frame()));
+  link_.publish(found->second.frames, record->frame(head_of(stream.epoch(), record->sequence)), stream.holder().key);
   ++totals_.frames_published;
 }
 
@@ -344,9 +346,9 @@ void Backbone::answer_join(ByteView request, const Link::Reply& reply) {
   }
   if (found->second.join.empty()) {
     const KeyRecord& newest = *found->second.newest;
-    const auto join = newest.join_frame(found->second.layout);
-    if (!join) return reply({});
-    found->second.join = message_of(epoch, newest.sequence, *join);
+    if (!store(found->second.join, newest.join_frame(found->second.layout, head_of(epoch, newest.sequence)))) {
+      return reply({});
+    }
     ++totals_.joins_encoded;
   }
   ++totals_.joins_answered;

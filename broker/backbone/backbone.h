@@ -73,6 +73,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   struct Own {
     DirectoryEntry entry;
     CoefficientLayout layout;
+    std::string frames;  ///< Their subject.
     KeyRecordPtr newest;
     Bytes join;  ///< At `newest`, once a broker has asked for it.
   };
@@ -100,6 +101,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void tell_rows();
 
   const Settings settings_;
+  const std::string salt_;  ///< Of sender_of(); no other broker knows it.
   Link& link_;
   AssetExchange& assets_;
   const Environment environment_;

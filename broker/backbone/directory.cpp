@@ -24,9 +24,9 @@ Error corrupt(const std::string& why) {
 
 }  // namespace
 
-std::string sender_of(const StreamHolder& holder, std::string_view broker) {
+std::string sender_of(const StreamHolder& holder, std::string_view salt) {
   if (holder.key.empty()) return {};
-  const std::string text = holder.key + (holder.spared ? "@" + std::string(name_of_broker(broker)) : "");
+  const std::string text = std::string(salt) + holder.key;
   const ByteView bytes{reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
   return sha256(bytes).hex().substr(0, 16);
 }

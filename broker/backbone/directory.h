@@ -26,9 +26,9 @@ struct DirectoryEntry {
   bool operator==(const DirectoryEntry&) const = default;
 };
 
-/// What brokers call the token or address that sends a stream to `broker`: a hash, the same everywhere but for senders
-/// on that broker's machine.
-std::string sender_of(const StreamHolder& holder, std::string_view broker);
+/// What a broker calls the token or address that sends a stream: a hash with its secret `salt`, so that no peer can try
+/// all addresses.
+std::string sender_of(const StreamHolder& holder, std::string_view salt);
 
 /// Whose limits a stream of another broker counts towards here: its sender's, or all such of that broker's name.
 std::string payer_of(const DirectoryEntry& entry);

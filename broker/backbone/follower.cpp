@@ -4,12 +4,10 @@
 #include <numeric>
 #include <utility>
 
-#include "common/wire/envelope.h"
-
 namespace eigencast::broker {
 
-std::vector<Bytes> Follower::take(Bytes message) {
-  std::vector<Bytes> out;
+std::vector<Follower::Followed> Follower::take(Bytes message) {
+  std::vector<Followed> out;
   ByteReader in(message);
   const std::uint32_t epoch = in.u32();
   const std::uint64_t sequence = in.u64();
@@ -18,12 +16,12 @@ std::vector<Bytes> Follower::take(Bytes message) {
     ++dropped_;
     return out;
   }
-  message.erase(message.begin(), message.begin() + kHeadBytes);
+  Followed followed{sequence, std::move(message), *frame};
   if (frame->envelope.kind == FrameKind::kJoin) {
     joined_ = true;
     asked_us_.reset();
     newest_ = sequence;
-    out.push_back(std::move(message));
+    out.push_back(std::move(followed));
     drain(out);
     return out;
   }
@@ -31,22 +29,22 @@ std::vector<Bytes> Follower::take(Bytes message) {
     ++dropped_;
     return out;
   }
-  kept_.push_back({sequence, std::move(message)});
+  kept_.push_back(std::move(followed));
   const auto bytes = [this] {
     return std::accumulate(kept_.begin(), kept_.end(), std::size_t{0},
-                           [](std::size_t sum, const Kept& kept) { return sum + kept.frame.size(); });
+                           [](std::size_t sum, const Followed& kept) { return sum + kept.message.size(); });
   };
   for (; kept_.size() > kMaxKept || bytes() > kMaxKeptBytes; ++dropped_) kept_.pop_front();
   if (joined_) drain(out);
   return out;
 }
 
-void Follower::drain(std::vector<Bytes>& out) {
+void Follower::drain(std::vector<Followed>& out) {
   while (!kept_.empty()) {
     if (kept_.front().sequence > *newest_ + 1) return restart();
     if (kept_.front().sequence == *newest_ + 1) {
       newest_ = kept_.front().sequence;
-      out.push_back(std::move(kept_.front().frame));
+      out.push_back(std::move(kept_.front()));
     }
     kept_.pop_front();
   }

@@ -7,6 +7,7 @@
 
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
+#include "common/wire/envelope.h"
 
 namespace eigencast::broker {
 
@@ -20,10 +21,16 @@ class Follower {
   static constexpr std::size_t kHeadBytes = 12;
   static constexpr TimeUs kJoinTimeoutUs = 500'000;
 
+  struct Followed {
+    std::uint64_t sequence;
+    Bytes message;
+    WireFrame frame;  ///< Its payload points into `message`.
+  };
+
   explicit Follower(std::uint32_t epoch) : epoch_(epoch) {}
 
   /// Returns the frames that can be used now, in order; drops other epochs, duplicates and malformed messages.
-  std::vector<Bytes> take(Bytes message);
+  std::vector<Followed> take(Bytes message);
 
   /// Whether to request a join now; false while a request is pending.
   bool wants_join(TimeUs now_us);
@@ -34,16 +41,12 @@ class Follower {
   std::uint64_t dropped() const { return dropped_; }  ///< Unusable messages.
 
  private:
-  struct Kept {
-    std::uint64_t sequence;
-    Bytes frame;
-  };
-  void drain(std::vector<Bytes>& out);
+  void drain(std::vector<Followed>& out);
 
   std::uint32_t epoch_;
   std::optional<std::uint64_t> newest_;  ///< Sequence of the last returned message.
   bool joined_ = false;
-  std::deque<Kept> kept_;  ///< Ascending sequences.
+  std::deque<Followed> kept_;  ///< Ascending sequences.
   std::optional<TimeUs> asked_us_;
   std::uint64_t dropped_ = 0;
 };

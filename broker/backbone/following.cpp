@@ -205,8 +205,8 @@ void Following::take(Remote& remote, Bytes message) {
                              " are left out: those of its sender take too much computing");
   }
   const std::uint64_t dropped = remote.follower.dropped();
-  for (const Bytes& frame : remote.follower.take(std::move(message))) {
-    if (const auto added = remote.stream->take_frame(*parse_frame(frame), environment_.now_us()); !added) {
+  for (const Follower::Followed& followed : remote.follower.take(std::move(message))) {
+    if (const auto added = remote.stream->take_frame(followed.frame, environment_.now_us()); !added) {
       environment_.warn("stream '" + remote.stream->name() +
                         "': a frame of another broker is refused, asking for a join: " + added.error().message);
       remote.follower.restart();

@@ -45,9 +45,12 @@ class Link {
   /// Sends what waits, for a second or timeouts.shutdown_ms at most. No handler is called after it returns.
   virtual void stop() = 0;
 
-  /// Drops the message without a connection or if too many wait.
-  virtual void publish(const std::string& subject, Bytes message) = 0;
-  /// Messages of the subject (PREFIX.>: of all below it) from now on, in each broker's order. Destroying the result
+  /// Drops the message without a connection, or if its holder's share of those that wait is used up. Messages of one
+  /// holder keep their order.
+  virtual void publish(const std::string& subject, Bytes message, const std::string& holder) = 0;
+  /// The same for this broker's own.
+  void publish(const std::string& subject, Bytes message) { publish(subject, std::move(message), {}); }
+  /// Messages of the subject (PREFIX.>: of all below it) from now on, in each holder's order. Destroying the result
   /// ends the subscription.
   virtual std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) = 0;
   /// Answers requests on the subject; lifetime as subscribe().

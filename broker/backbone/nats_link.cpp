@@ -20,13 +20,13 @@ namespace {
 using std::chrono_literals::operator""ms;
 using std::chrono_literals::operator""s;
 
-constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Bounds outgoing messages.
-constexpr std::size_t kMaxWaitingMessages = 16'384;
-constexpr std::size_t kMessageBytes = 256;  ///< What a message takes besides its data.
-constexpr auto kDrainTime = 1s;             ///< Time to send the queue when stopping, and to end all else.
-constexpr auto kTryTime = 2s;               ///< To connect to a server, its TLS handshake included.
-constexpr auto kRetryTime = 250ms;          ///< After all servers have been tried, or a connection was made.
-constexpr std::size_t kMaxServers = 64;     ///< Those that servers name included.
+constexpr std::int64_t kMaxWaitingBytes = 32 << 20;  ///< Bounds outgoing messages; one holder's are a fifth.
+constexpr int kBatch = 256;                          ///< Messages that go between turns of holders.
+constexpr std::size_t kMessageBytes = 256;           ///< What a message takes besides its data.
+constexpr auto kDrainTime = 1s;                      ///< Time to send the queue when stopping, and to end all else.
+constexpr auto kTryTime = 2s;                        ///< To connect to a server, its TLS handshake included.
+constexpr auto kRetryTime = 250ms;                   ///< After all servers have been tried, or a connection was made.
+constexpr std::size_t kMaxServers = 64;              ///< Those that servers name included.
 constexpr std::string_view kInbox = "_INBOX.";
 constexpr auto kClockStep = 1s;  ///< A wall clock that goes back by more was set.
 
@@ -111,8 +111,7 @@ void NatsLink::on_closed(natsConnection* connection) {
     const std::lock_guard lock(mutex_);
     if (connection_.get() != connection || !connected_) return;
     connected_ = false;
-    outgoing_.clear();  // Old frames are useless after a reconnection.
-    outgoing_bytes_ = 0;
+    outgoing_ = {};  // Old frames are useless after a reconnection.
     news_.note_lost(why);
   }
   report_connection();
@@ -254,13 +253,10 @@ void NatsLink::close() {
   natsConnection_Close(connection.get());
 }
 
-void NatsLink::send(const std::string& subject, Bytes message, const std::string& reply) {
+void NatsLink::send(Outgoing message, const std::string& holder) {
   const std::lock_guard lock(mutex_);
-  const bool full = outgoing_.size() >= kMaxWaitingMessages || outgoing_bytes_ + message.size() > kMaxWaitingBytes;
-  if (!connected_ || full) return;
-  outgoing_bytes_ += message.size();
-  outgoing_.push_back({subject, reply, std::move(message)});
-  wake_.notify_all();
+  const auto cost = static_cast<std::int64_t>(kMessageBytes + message.message.size());
+  if (connected_ && outgoing_.push(holder, cost, std::move(message), kMaxWaitingBytes)) wake_.notify_all();
 }
 
 void NatsLink::send_all() {
@@ -270,8 +266,8 @@ void NatsLink::send_all() {
     wake_.wait_for(lock, 50ms, [this] { return stopping_ || subscribed_changed_ || !outgoing_.empty(); });
     if (stopping_ && (outgoing_.empty() || std::chrono::steady_clock::now() >= drain_until_)) break;
     end_try(lock);
-    auto batch = std::exchange(outgoing_, {});
-    outgoing_bytes_ = 0;
+    std::vector<Outgoing> batch;
+    for (int i = 0; i < kBatch && !outgoing_.empty(); ++i) batch.push_back(outgoing_.pop().item);
     const auto connection = connection_;
     std::vector<std::shared_ptr<Subscribed>> changed;
     if (std::exchange(subscribed_changed_, false)) {
@@ -354,7 +350,7 @@ std::shared_ptr<void> NatsLink::serve(const std::string& subject, OnRequest on_r
   return listen(subject, [weak = weak_from_this(), on_request = std::move(on_request)](Incoming incoming) {
     if (!incoming.reply.starts_with(kInbox)) return;  // Who asks must not choose what this broker says elsewhere.
     on_request(std::move(incoming.message), [weak, reply = std::move(incoming.reply)](Bytes answer) {
-      if (const auto link = weak.lock()) link->publish(reply, std::move(answer));
+      if (const auto link = weak.lock()) link->publish(reply, std::move(answer), std::string(kInbox));
     });
   });
 }
@@ -391,7 +387,7 @@ void NatsLink::ask(const std::string& subject, Bytes message, TimeUs timeout_us,
   const std::string token = random_id(32);  // Those that have seen one reply subject know no other.
   requests_[token] = {std::move(answer), std::chrono::steady_clock::now() + std::chrono::microseconds(timeout_us)};
   waiting_ = true;
-  send(subject, std::move(message), inbox_ + "." + token);
+  send({subject, inbox_ + "." + token, std::move(message)}, {});
 }
 
 /// Called on the sender's thread, which wakes every 50 ms.

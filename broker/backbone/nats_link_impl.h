@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "broker/backbone/link.h"
+#include "common/core/fair_queue.h"
 
 namespace eigencast::broker {
 
@@ -54,7 +55,10 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
 
   void start(Listener& listener) override;
   void stop() override;
-  void publish(const std::string& subject, Bytes message) override { send(subject, std::move(message), {}); }
+  using Link::publish;
+  void publish(const std::string& subject, Bytes message, const std::string& holder) override {
+    send({subject, {}, std::move(message)}, holder);
+  }
   std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) override;
   std::shared_ptr<void> serve(const std::string& subject, OnRequest on_request) override;
   void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) override;
@@ -87,7 +91,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
     std::shared_ptr<natsSubscription> subscription{};  ///< At the connection.
   };
 
-  void send(const std::string& subject, Bytes message, const std::string& reply);
+  void send(Outgoing message, const std::string& holder);
   void to_loop(std::function<void()> work);
   void post_to_listener(std::function<void()> work);
   void report_connection();
@@ -130,8 +134,7 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   std::mutex mutex_;
   std::condition_variable wake_;
   // GUARDED_BY(mutex_), all that follows.
-  std::deque<Outgoing> outgoing_;
-  std::size_t outgoing_bytes_ = 0;
+  FairQueue<Outgoing> outgoing_;
   std::deque<std::function<void()>> rows_, removals_;  ///< To be written.
   bool connected_ = false, stopping_ = false;
   ConnectionNews news_;

@@ -16,10 +16,9 @@ constexpr std::size_t kMaxPendingKeys = 5;
 // a join of 32,768 coefficients that change by nothing.
 constexpr double kEncodedPerUs = 170, kEncodedBytesPerUs = 5;
 
-Bytes frame_without_id(const KeyRecord& record, bool join, BandMask bands, ByteView payload) {
+Bytes frame_without_id(const KeyRecord& record, bool join, BandMask bands, ByteView payload, Bytes out) {
   const ChainClock before = record.clock_before();
-  Bytes out;
-  out.reserve(Envelope::kMaxBytes + payload.size());
+  out.reserve(out.size() + Envelope::kMaxBytes + payload.size());
   append_envelope({.kind = join ? FrameKind::kJoin : FrameKind::kKey,
                    .bands = bands,
                    .step = {},
@@ -73,14 +72,14 @@ ChainClock KeyRecord::clock_before() const {
   return {sequence - 1, capture_us - after->age_us, before ? before->age_us : 0};
 }
 
-Bytes KeyRecord::frame() const {
-  return frame_without_id(*this, join, bands, payload);
+Bytes KeyRecord::frame(Bytes head) const {
+  return frame_without_id(*this, join, bands, payload, std::move(head));
 }
 
-Result<Bytes> KeyRecord::join_frame(const CoefficientLayout& layout) const {
+Result<Bytes> KeyRecord::join_frame(const CoefficientLayout& layout, Bytes head) const {
   const auto state = encode_join(layout, *after);
   if (!state) return state.error();
-  return frame_without_id(*this, true, after->newer.bands, *state);
+  return frame_without_id(*this, true, after->newer.bands, *state, std::move(head));
 }
 
 Feed::Feed(const Profile& profile, const Source& source, Payer payer)

@@ -36,10 +36,10 @@ struct KeyRecord {
 
   ChainClock clock() const { return {sequence, capture_us, after->age_us}; }
   ChainClock clock_before() const;  ///< What receivers know before the key comes.
-  /// As recordings and other brokers get it, without id and tag: the key as it came ...
-  Bytes frame() const;
+  /// As recordings and other brokers get it, without id and tag, behind `head`: the key as it came ...
+  Bytes frame(Bytes head = {}) const;
   /// ... or `after` as a join. Errors: as encode_join.
-  Result<Bytes> join_frame(const CoefficientLayout& layout) const;
+  Result<Bytes> join_frame(const CoefficientLayout& layout, Bytes head = {}) const;
 };
 using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 

@@ -84,7 +84,8 @@ class FakeLink final : public Link {
     connected_ = false;
     listener_ = nullptr;
   }
-  void publish(const std::string& subject, Bytes message) override {
+  using Link::publish;
+  void publish(const std::string& subject, Bytes message, const std::string& /*holder*/) override {
     if (!connected_ || (network_.drops && network_.drops(subject))) return;
     network_.later([this, subject, message = std::move(message)] {
       for (FakeLink* link : network_.links) {

@@ -34,11 +34,10 @@ Bytes join(std::uint64_t sequence) {
   return message(FrameKind::kJoin, sequence);
 }
 /// The low bytes of the sequences of keys.
-std::vector<std::uint64_t> sequences(const std::vector<Bytes>& frames) {
+std::vector<std::uint64_t> sequences(const std::vector<Follower::Followed>& frames) {
   std::vector<std::uint64_t> numbers;
-  for (const Bytes& bytes : frames) {
-    const auto frame = parse_frame(bytes);
-    numbers.push_back(frame->envelope.kind == FrameKind::kJoin ? frame->envelope.sequence : frame->check);
+  for (const auto& [sequence, bytes, frame] : frames) {
+    numbers.push_back(frame.envelope.kind == FrameKind::kJoin ? frame.envelope.sequence : frame.check);
   }
   return numbers;
 }
@@ -136,13 +135,12 @@ TEST(Follower, OutputIsAlwaysAChain) {
         default:
           next = key(++sent);
       }
-      for (const Bytes& bytes : follower.take(std::move(next))) {
-        const auto frame = parse_frame(bytes);
-        Envelope head = frame->envelope;
+      for (const auto& [sequence, bytes, frame] : follower.take(std::move(next))) {
+        Envelope head = frame.envelope;
         if (head.kind == FrameKind::kKey) {
           ASSERT_TRUE(began);
           head.sequence = newest + 1;
-          ASSERT_EQ(frame->check, static_cast<std::uint8_t>(head.sequence));
+          ASSERT_EQ(frame.check, static_cast<std::uint8_t>(head.sequence));
         } else {
           ASSERT_TRUE(!began || head.sequence > newest);
         }

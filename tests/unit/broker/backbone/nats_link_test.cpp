@@ -330,6 +330,23 @@ TEST(ConnectionNewsTest, ALossComesBeforeTheNextConnection) {
   EXPECT_EQ(listener.order, "-+-") << "a connection that is gone is not reported";
 }
 
+/// Whose messages wait is nothing to others: the peer takes them more slowly than they come.
+TEST_F(NatsLinkTest, AFloodOfOneHolderDropsNoMessageOfOthers) {
+  start({});
+  constexpr int kRounds = 20, kFlood = 20'000;
+  on_lasting_connection([&](const std::string& connection) {
+    for (int round = 0; round < kRounds; ++round) {
+      for (int i = 0; i < kFlood; ++i) link_->publish("flood", {}, "hog");
+      link_->publish("frames" + connection, {}, "other");
+      link_->publish("alive" + connection, {});
+    }
+    return [&, connection] {
+      return peer_->count("PUB frames" + connection + " ") == kRounds &&
+             peer_->count("PUB alive" + connection + " ") == kRounds;
+    };
+  });
+}
+
 TEST_F(NatsLinkTest, RequestsAreAnsweredInInboxesOnly) {
   start({});
   const auto served = link_->serve("asked", [](const Bytes&, const Link::Reply& reply) { reply({'y'}); });
