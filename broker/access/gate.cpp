@@ -281,7 +281,7 @@ bool Grant::take_profile_key(double work_us, TimeUs now_us) {
 }
 
 std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
-  if (policy_->is_trusted_proxy(identity_.client.address)) return 0;
+  if (is_proxy()) return 0;
   return take_loop_time(&Account::http_work, work_us, now_us, max_wait_us);
 }
 

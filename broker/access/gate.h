@@ -138,6 +138,7 @@ class Grant {
   /// The same for keys in the profiles that it watches. False: it was not taken, the key has to be left out.
   bool take_profile_key(double work_us, TimeUs now_us);
   const void* purse() const { return site_.get(); }  ///< The same for all who share these budgets.
+  bool is_proxy() const { return policy_->is_trusted_proxy(identity_.client.address); }
   /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted
   /// proxies have no limit.
   std::optional<TimeUs> take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us);

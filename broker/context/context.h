@@ -25,6 +25,7 @@ class Connection;
 class Gate;
 class Hub;
 class Loops;
+class NewcomerTime;
 class Ownership;
 class Recorder;
 class Turn;
@@ -48,6 +49,7 @@ struct Context : SharedContext {
   Config config;                  ///< As of the latest reload.
   Hub& hub;
   Turn& turn;    ///< Writes at the end of each turn of the loop.
+  NewcomerTime& newcomers;
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
   /// Connections of this loop, those on their way to it included. Any thread may read it.

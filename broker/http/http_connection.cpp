@@ -27,6 +27,7 @@ constexpr std::size_t kHandshakeBytes = 160 * 1024;
 constexpr std::chrono::milliseconds kHandshakeRetry{50};
 constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
+constexpr TimeUs kMaxReadWaitUs = 2'000'000;
 constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
 
 /// Parser errors, except those of a peer that went away.
@@ -188,19 +189,20 @@ void HttpConnection::close() {
 
 void HttpConnection::start() {
   if (!transport_.is_tls()) return read_head();
-  // Before any cryptography: a copied ClientHello costs its sender nothing, and the broker a signature.
-  const auto wait_us = handshake_wait_us();
-  if (!wait_us) return close();
-  later(*wait_us, [this] {
-    arm(limits().head_ms);
-    transport_.async_wait(Transport::Wait::kReadable, [self = shared_from_this()](ErrorOf error) {
-      error ? self->close() : self->begin_handshake();
-    });
+  arm(limits().head_ms);
+  transport_.async_wait(Transport::Wait::kReadable, [self = shared_from_this()](ErrorOf error) {
+    // Before any cryptography: a copied ClientHello costs its sender nothing, and the broker a signature.
+    const double work_us = self->transport_.handshake_us();
+    const auto wait_us = error ? std::nullopt : self->take_work(work_us, self->limits().head_ms * 1000);
+    if (!wait_us) return self->close();
+    self->disarm();
+    if (self->take_turn(work_us, *wait_us, [self] { self->begin_handshake(); })) self->begin_handshake();
   });
 }
 
 void HttpConnection::begin_handshake() {
   if (!transport_.socket().is_open()) return;
+  if (!pace_) arm(limits().head_ms);
   if (store(unfinished_, hold_bytes(kHandshakeBytes))) return shake_hands();
   pace_ = std::make_unique<Timer>(context_.loop.get_executor(), kHandshakeRetry);
   pace_->async_wait([self = shared_from_this()](ErrorOf error) {
@@ -212,9 +214,10 @@ void HttpConnection::shake_hands() {
   const Transport::Outcome outcome = transport_.shake_hands();
   if (outcome.wait != Transport::Wait::kNo) {
     return transport_.async_wait(outcome.wait, [self = shared_from_this()](ErrorOf error) {
-      const auto go_on = [self](ErrorOf ended) { ended ? self->close() : self->shake_hands(); };
-      if (Timer* const pace = error ? nullptr : self->pace()) return pace->async_wait(go_on);
-      go_on(error);
+      if (error) return self->close();
+      const auto go_on = [self](ErrorOf) { self->transport_.socket().is_open() ? self->shake_hands() : self->close(); };
+      if (Timer* const pace = self->pace()) return pace->async_wait(go_on);
+      go_on({});
     });
   }
   if (!outcome.error) return read_head();
@@ -224,9 +227,16 @@ void HttpConnection::shake_hands() {
 }
 
 Timer* HttpConnection::pace() {
-  const TimeUs wait_us = read_wait_us(std::max<std::size_t>(transport_.take_records(), 1));
-  if (wait_us <= 0) return nullptr;
-  pace_ = std::make_unique<Timer>(context_.loop.get_executor(), std::chrono::microseconds(wait_us));
+  const double work_us = kReadUs * static_cast<double>(std::max<std::size_t>(transport_.take_records(), 1));
+  // Those over their budget do not wake together.
+  const auto spread_us = static_cast<TimeUs>(reinterpret_cast<std::uintptr_t>(this) / 64 % (kMaxReadWaitUs / 2));
+  TimeUs wait_us = take_work(work_us, kMaxReadWaitUs).value_or(kMaxReadWaitUs - spread_us);
+  if (wait_us > 0) wait_us = std::max(wait_us, take_work(kPauseUs, kMaxReadWaitUs).value_or(0));
+  const auto end_pause = [weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->pace_->cancel();
+  };
+  if (take_turn(work_us, wait_us, end_pause)) return nullptr;
+  pace_ = std::make_unique<Timer>(context_.loop.get_executor(), Timer::time_point::max());
   return pace_.get();
 }
 
@@ -382,9 +392,12 @@ template <typename Stream>
 void HttpConnection::drain(Stream& stream) {
   drained_.resize(kMaxHeadBytes);
   stream.async_read_some(asio::buffer(drained_), [self = shared_from_this(), &stream](ErrorOf error, std::size_t) {
-    const auto go_on = [self, &stream](ErrorOf ended) { ended ? self->close() : self->drain(stream); };
-    if (Timer* const pace = error ? nullptr : self->pace()) return pace->async_wait(go_on);
-    go_on(error);
+    const auto go_on = [self, &stream](ErrorOf) {
+      self->transport_.socket().is_open() ? self->drain(stream) : self->close();
+    };
+    if (error) return self->close();
+    if (Timer* const pace = self->pace()) return pace->async_wait(go_on);
+    go_on({});
   });
 }
 

@@ -126,10 +126,11 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   HttpConnection(Context& context, Transport transport);
   virtual Limits limits() const = 0;  ///< Those that the current request has.
   virtual void on_head() = 0;
-  /// How long a TLS handshake has to wait; nothing: none is made.
-  virtual std::optional<TimeUs> handshake_wait_us() { return 0; }
-  /// Takes what reads cost from the budget; how long the next has to wait.
-  virtual TimeUs read_wait_us(std::size_t /*reads*/) { return 0; }
+  /// Takes what a handshake or a read costs from its holder's budget; how long it must wait. Nothing: longer than
+  /// most_us, and it was not taken.
+  virtual std::optional<TimeUs> take_work(double /*us*/, TimeUs /*most_us*/) { return 0; }
+  /// As NewcomerTime::take().
+  virtual bool take_turn(double /*us*/, TimeUs /*wait_us*/, std::function<void()> /*then*/) { return true; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
   virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
@@ -154,7 +155,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void read_more_head();
   void begin_handshake();
   void shake_hands();
-  /// After a read: what to wait for before the next, or null.
+  /// After a read: what to wait for before the next, whatever its error says, or null.
   Timer* pace();
   void on_head_read(ErrorOf error);
   template <typename Stream>

@@ -26,7 +26,7 @@ constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
 constexpr double kHeadBytesPerUs = 64;
-constexpr TimeUs kMaxReadWaitUs = 2'000'000;
+constexpr double kConnectionUs = 25, kRequestUs = 20;  ///< On one core of 2026.
 constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
 constexpr int kMaxRequestWaitS = 5;
 /// Refusals come so late that a client that asks at once again costs little.
@@ -66,15 +66,12 @@ class HttpSession final : public HttpConnection {
             static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes"};
   }
 
-  std::optional<TimeUs> handshake_wait_us() override {
-    return grant_->take_http_work(transport().handshake_us(), steady_now_us(), limits().head_ms * 1000);
+  std::optional<TimeUs> take_work(double us, TimeUs most_us) override {
+    return grant_->take_http_work(us, steady_now_us(), most_us);
   }
 
-  TimeUs read_wait_us(std::size_t reads) override {
-    const auto taken = [this](double work_us) {
-      return grant_->take_http_work(work_us, steady_now_us(), kMaxReadWaitUs).value_or(kMaxReadWaitUs);
-    };
-    return taken(kReadUs * static_cast<double>(reads)) > 0 ? taken(kPauseUs) : 0;
+  bool take_turn(double us, TimeUs wait_us, std::function<void()> then) override {
+    return grant_->is_proxy() || context().newcomers.take(grant_->holder(), us, wait_us, std::move(then));
   }
 
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
@@ -110,8 +107,13 @@ class HttpSession final : public HttpConnection {
       return later(std::max(wait_us, kRefusalWaitUs), [this, why] { answer_limit(why, kMaxRequestWaitS); });
     }
     const TimeUs delay_us = std::max({wait_us, *head_wait_us, *holder_wait_us});
-    if (delay_us <= 0 || !task.admitted) return later(delay_us, std::move(task.run));
-    later(delay_us, [this] { admitted().run(); });  // By the rights of then: a token may end, a reload take them.
+    const double work_us = std::exchange(connection_us_, 0) + kRequestUs * (1 + task.listing) + head / kHeadBytesPerUs;
+    const auto in_turn = [self = shared_from_this(), this, task] {
+      // By the rights of then: a token may end, a reload take them.
+      if (transport().socket().is_open()) task.admitted ? admitted().run() : task.run();
+    };
+    if (context().newcomers.take(payer->holder(), work_us, delay_us, in_turn)) return task.run();
+    disarm();
   }
 
   /// What the request asks for, or its refusal; admits the client.
@@ -272,7 +274,8 @@ class HttpSession final : public HttpConnection {
 
   ConnectionCount counted_;
   RateLimiter requests_;
-  GrantPtr grant_;  ///< The connection's at first, then the latest requester's.
+  double connection_us_ = kConnectionUs;  ///< Until its first request is paid for.
+  GrantPtr grant_;                        ///< The connection's at first, then the latest requester's.
 };
 
 }  // namespace

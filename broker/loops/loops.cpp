@@ -54,13 +54,14 @@ std::size_t cores() {
 Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
            std::function<void(Stream&)> on_opened)
     : hub_(hub_settings(config, std::move(taps), siblings.ids, siblings.memory, std::move(on_opened))),
-      context_{shared, io_, config, hub_, turn_, siblings.loops, siblings.last_connection_id},
+      context_{shared, io_, config, hub_, turn_, newcomers_, siblings.loops, siblings.last_connection_id},
       io_(1),
       turn_(io_, turn_settings(config), shared.log,
             [this] {
               hub_.deliver();
               arm_schedule();
             }),
+      newcomers_(io_),
       schedule_(io_.get_executor()),
       tick_(io_.get_executor()) {}
 

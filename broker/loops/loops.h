@@ -12,6 +12,7 @@
 #include "broker/context/context.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/mirror.h"
+#include "broker/sockets/newcomer_time.h"
 #include "broker/sockets/turn.h"
 
 namespace eigencast::broker {
@@ -51,6 +52,7 @@ class Loop {
   Context context_;  // Pending handlers end with the loop below and need the members above.
   asio::io_context io_;
   Turn turn_;
+  NewcomerTime newcomers_;
   Timer schedule_;
   std::optional<TimeUs> scheduled_us_;
   TimeUs pumped_us_ = 0;

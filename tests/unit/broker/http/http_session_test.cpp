@@ -137,6 +137,24 @@ TEST_F(HttpSessionTest, RequestsOfAConnectionWaitTheirTurn) {
   EXPECT_EQ(count, 30u);
 }
 
+TEST_F(HttpSessionTest, RequestsOfAllTakeHalfOfTheLoopsTime) {
+  stop();
+  config_.limits.requests_per_s = config_.per_address.requests_per_s = 100'000;
+  config_.per_address.work_us_per_s = 1'000'000'000;
+  start();
+  const std::string head = "OPTIONS /v1/streams HTTP/1.1\r\nHost: localhost\r\nX-Long: " + std::string(15'000, 'x');
+  const TimeUs began_us = steady_now_us();
+  std::vector<std::unique_ptr<Wire>> wires;
+  for (int i = 0; i < 10; ++i) {
+    std::string requests;
+    for (int j = 1; j <= 100; ++j) requests += head + (j < 100 ? "\r\n\r\n" : "\r\nConnection: close\r\n\r\n");
+    wires.push_back(std::make_unique<Wire>(port_));
+    wires.back()->write(requests);
+  }
+  for (const auto& wire : wires) EXPECT_THAT(wire->read_all().value_or("reset"), StartsWith("HTTP/1.1 204"));
+  EXPECT_GE(steady_now_us() - began_us, 10 * 100 * (15'000 / 64) * 2 - 10'000);
+}
+
 TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
   const std::string id = put_asset("0123456789");
   const std::string inner = "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n";
