@@ -22,15 +22,19 @@ inline Asset random_asset(std::uint32_t n, std::uint32_t r, bool on_grid) {
   asset.vertex_count = asset.rows_ready = n;
   asset.rank = r;
   std::mt19937 random(1);
-  if (on_grid) asset.exact_columns = std::min(r, 4U);
+  const std::uint32_t float_columns = on_grid ? std::min(r, 4U) : r;
   std::vector<float> scales;
   for (std::uint32_t k = 0; k < r; ++k) scales.push_back(static_cast<float>(1 / (8000 * amplitude(k))));
-  if (on_grid) asset.column_scales.assign(scales.begin() + asset.exact_columns, scales.end());
+  asset.column_scales.assign(scales.begin() + float_columns, scales.end());
   std::normal_distribution<float> entries;
-  asset.basis.resize(std::size_t{n} * r);
-  for (std::size_t i = 0; i < asset.basis.size(); ++i) {
+  for (std::size_t i = 0; i < std::size_t{n} * r; ++i) {
     const float scale = scales[i % r];
-    asset.basis[i] = std::clamp(std::nearbyint(entries(random) / scale), -32767.0F, 32767.0F) * scale;
+    const float integer = std::clamp(std::nearbyint(entries(random) / scale), -32767.0F, 32767.0F);
+    if (i % r < float_columns) {
+      asset.floats.push_back(integer * scale);
+    } else {
+      asset.integers.push_back(static_cast<std::int16_t>(integer));
+    }
   }
   asset.mass.assign(n, 1.0F);
   asset.source_vertex.resize(n);

@@ -133,7 +133,7 @@ void compare_products(Scene& scene, std::uint32_t N, bool at_hand, const CoreRat
     }
   }
   add("Eigen (-march=native), float, 1 thread", {std::size_t{N} * r * 4, 1, 1},
-      [&, N] { bench::eigen_product(scene.floats.basis.data(), N, r, scene.C_float.data(), scene.X[0].data()); });
+      [&, N] { bench::eigen_product(scene.floats.floats.data(), N, r, scene.C_float.data(), scene.X[0].data()); });
   for (const InstructionSet set : instruction_sets()) {
     for (const bool integers : {false, true}) one_pose(set, integers, 1, 1);
   }
@@ -163,7 +163,7 @@ void compare_transforms(const Scene& scene) {
   projectors.reserve(8);
   std::vector<Case> cases;
   cases.push_back({"Eigen (-march=native), float, 1 thread, Psi^T Y only", [&] {
-                     bench::eigen_transposed_product(scene.floats.basis.data(), n, r, positions.data(), S.data());
+                     bench::eigen_transposed_product(scene.floats.floats.data(), n, r, positions.data(), S.data());
                    }});
   for (const bool integers : {false, true}) {
     for (const unsigned threads : {1U, 0U}) {

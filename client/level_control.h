@@ -5,8 +5,8 @@
 #include <optional>
 #include <span>
 
-#include "client/lod_resolver.h"
 #include "common/core/text.h"
+#include "common/levels/lod_resolver.h"
 #include "view/camera.h"
 #include "view/scene.h"
 

@@ -245,7 +245,7 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   if (uses_kernel(options)) asset.basis_kind.append("/").append(kPointsOperatorNames[options.points_operator]);
   asset.name = options.name;
   asset.band_ends = default_band_ends(asset.rank);
-  asset.basis = rows_in_order(basis.Psi, order.order);
+  asset.floats = rows_in_order(basis.Psi, order.order);
   asset.mass.resize(n);
   for (std::size_t row = 0; row < n; ++row) asset.mass[row] = static_cast<float>(basis.mass[order.order[row]]);
   asset.area = basis.area;

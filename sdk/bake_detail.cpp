@@ -38,7 +38,7 @@ std::vector<Vec3> base_rows(const Asset& asset) {
   std::vector<Vec3> rows(asset.vertex_count);
   for_each_shared(rows.size(), kRowsAtOnce, [&](std::size_t row) {
     for (std::size_t k = 0; k < asset.rank; ++k) {
-      const double entry = double{asset.basis[row * asset.rank + k]};
+      const double entry = double{asset.entry(row, k)};
       for (std::size_t axis = 0; axis < 3; ++axis) rows[row][axis] += entry * asset.rest[3 * k + axis];
     }
   });
@@ -78,7 +78,7 @@ class Derivatives {
       float* along_x = room.data();
       float* along_y = along_x + r;
       for (const TangentDerivatives::Term& term : stencils_.of(row)) {
-        const float* psi = &asset_.basis[term.vertex * r];
+        const float* psi = &asset_.floats[term.vertex * r];
         const auto x = static_cast<float>(term.along_x), y = static_cast<float>(term.along_y);
         for (std::size_t k = 0; k < r; ++k) {
           along_x[k] += x * psi[k];

@@ -18,13 +18,12 @@ Asset trial_asset() {
   asset.vertex_count = asset.rows_ready = kAll;
   asset.rank = kTrialRank;
   asset.base_count = 4;
-  asset.exact_columns = 1;
   asset.column_scales.assign(kTrialRank - 1, 1.0F / 65536);
   std::minstd_rand random(1);
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
-    asset.basis.push_back(1);
+    asset.floats.push_back(1);
     for (std::uint32_t k = 1; k < kTrialRank; ++k)
-      asset.basis.push_back(static_cast<float>(static_cast<int>(random() % 65536) - 32768 + 1) / 65536);
+      asset.integers.push_back(static_cast<std::int16_t>(static_cast<int>(random() % 65535) - 32767));
     asset.map.push_back(i / 2);
     const std::uint32_t right = i % kSide + 1 == kSide ? i + 1 - kSide : i + 1;
     if (i + kSide >= asset.vertex_count) continue;

@@ -237,8 +237,7 @@ void SurfaceView::update_facts(const Asset& asset) {
   for (std::size_t i = 0; i < asset.rows_ready; ++i) {
     const double m = asset.mass[i];
     mass += m;
-    for (std::size_t k = 0; k < asset.rank; ++k)
-      barycentre_weights_[k] += m * static_cast<double>(asset.basis[i * asset.rank + k]);
+    for (std::size_t k = 0; k < asset.rank; ++k) barycentre_weights_[k] += m * static_cast<double>(asset.entry(i, k));
   }
   for (double& weight : barycentre_weights_) weight /= mass > 0 ? mass : 1;
 }

@@ -22,7 +22,13 @@ Result<void> check_shapes(const Asset& a) {
     return corrupt_asset(std::string(name) + " has " + std::to_string(size) + " entries instead of " +
                          std::to_string(expected));
   };
-  if (a.basis.size() != n * r) return wrong("basis", a.basis.size(), n * r);
+  if (a.column_scales.size() > r ||
+      !std::all_of(a.column_scales.begin(), a.column_scales.end(), asset_limits::is_column_scale)) {
+    return corrupt_asset("its column scales do not belong to its columns");
+  }
+  const std::size_t f = a.float_columns();
+  if (a.floats.size() != n * f) return wrong("floats", a.floats.size(), n * f);
+  if (a.integers.size() != n * (r - f)) return wrong("integers", a.integers.size(), n * (r - f));
   if (a.mass.size() != n) return wrong("mass", a.mass.size(), n);
   if (a.map.size() != n) return wrong("map", a.map.size(), n);
   if (a.source_vertex.size() != n) return wrong("source_vertex", a.source_vertex.size(), n);
@@ -43,7 +49,7 @@ Result<void> check_rows(const Asset& a) {
     seen[a.source_vertex[i]] = true;
     if (!std::isfinite(a.mass[i]) || a.mass[i] <= 0) return corrupt_asset(row() + ": its mass is not positive");
     for (std::uint32_t k = 0; k < a.rank; ++k) {
-      if (!std::isfinite(a.basis[std::size_t{i} * a.rank + k]))
+      if (!std::isfinite(a.entry(i, k)))
         return corrupt_asset(row() + ": basis column " + std::to_string(k) + " is not finite");
     }
   }
@@ -140,6 +146,13 @@ void Asset::Splats::resize(std::size_t rows) {
   normal.resize(rows);
   radius.resize(rows);
   parent_radius.resize(rows);
+}
+
+void Asset::copy_row(std::size_t row, std::span<float> to) const {
+  const std::size_t count = float_columns(), width = column_scales.size();
+  std::copy_n(floats.begin() + static_cast<std::ptrdiff_t>(row * count), count, to.begin());
+  const std::int16_t* const from = integers.data() + row * width;
+  for (std::size_t k = 0; k < width; ++k) to[count + k] = static_cast<float>(from[k]) * column_scales[k];
 }
 
 double AssetFacts::diagonal() const {

@@ -70,14 +70,15 @@ struct AssetFacts {
 /// While it is arriving (see AssetReader) its arrays hold the first `rows_ready` vertices and the `faces_ready` faces
 /// that exist at that level, with their corners there: a smaller asset that is whole in itself.
 struct Asset : AssetFacts {
-  std::vector<float> basis;          ///< n x r, row-major: Psi as receivers have it (dequantised).
-  std::uint32_t exact_columns = 0;   ///< Where column_scales is not empty: leading columns that are not on a grid.
-  std::vector<float> column_scales;  ///< Empty, or r - exact_columns: entries of the later columns are float(integer) *
-                                     ///< scale with 16-bit integers, as the asset's bytes hold them.
-  std::vector<float> mass;           ///< n: diagonal of M.
-  std::vector<std::uint32_t> map;    ///< n
-  std::vector<Corners> faces;        ///< F, by death; empty = point cloud.
-  std::vector<std::uint32_t> death;  ///< F, ascending.
+  /// Psi, n x r, as receivers have it. Its first float_columns() are floats; the later ones are 16-bit integers times
+  /// their column's scale, as the asset's bytes hold them. One that is not encoded yet has floats alone.
+  std::vector<float> floats;                 ///< n x float_columns(), row-major.
+  std::vector<std::int16_t> integers;        ///< n x (r - float_columns()), row-major.
+  std::vector<float> column_scales;          ///< r - float_columns()
+  std::vector<float> mass;                   ///< n: diagonal of M.
+  std::vector<std::uint32_t> map;            ///< n
+  std::vector<Corners> faces;                ///< F, by death; empty = point cloud.
+  std::vector<std::uint32_t> death;          ///< F, ascending.
   std::vector<std::uint32_t> source_vertex;  ///< n: the number that row i has in the source (a permutation).
 
   /// How to draw points as discs (progressive/splats.h says what each array holds). Normals are within a degree, radii
@@ -112,6 +113,16 @@ struct Asset : AssetFacts {
 
   std::uint32_t rows_ready = 0;   ///< Vertices whose rows, map and mass have arrived and were verified.
   std::uint32_t faces_ready = 0;  ///< Faces with death < rows_ready, all there.
+
+  std::uint32_t float_columns() const { return rank - static_cast<std::uint32_t>(column_scales.size()); }
+  float entry(std::size_t row, std::size_t column) const {
+    const std::size_t count = float_columns();
+    if (column < count) return floats[row * count + column];
+    const std::size_t integer = column - count;
+    return static_cast<float>(integers[row * column_scales.size() + integer]) * column_scales[integer];
+  }
+  /// Copies a row of Psi. REQUIRES: to.size() == rank.
+  void copy_row(std::size_t row, std::span<float> to) const;
 
   bool complete() const { return vertex_count > 0 && rows_ready == vertex_count; }
 };

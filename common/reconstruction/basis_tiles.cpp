@@ -5,9 +5,6 @@
 #include <cassert>
 #include <cmath>
 #include <cstdlib>
-#include <new>
-
-#include <sys/mman.h>
 
 #include "common/asset/detail.h"
 
@@ -19,85 +16,53 @@ constexpr double kLargestWhole = 32767;
 constexpr double kLargestSum = 2.0e9;       // below 2^31 with the rounding of 4,096 coefficients
 constexpr double kRoundingShare = 1.0 / 4;  // of the error of the basis; adds 3 % to it
 
-constexpr std::size_t kHugePage = std::size_t{1} << 21;
-// Memory from half a huge page on is in huge pages: an uncached basis of 3 MB reads in two thirds of the time.
-constexpr bool is_of_huge_pages(std::size_t bytes) {
-  return bytes >= kHugePage / 2;
-}
-constexpr std::align_val_t alignment_of(std::size_t bytes) {
-  return std::align_val_t{is_of_huge_pages(bytes) ? kHugePage : kernel::kAlignment};
-}
-
-/// The 16-bit integer that `value` is `scale` times; false where there is none.
-bool integer_of(float value, float scale, std::int16_t& integer) {
-  if (scale == 0) {
-    integer = 0;
-    return value == 0;
-  }
-  const float ratio = std::nearbyint(value / scale);
-  if (!(std::abs(ratio) <= 32767)) return false;
-  integer = static_cast<std::int16_t>(ratio);
-  return static_cast<float>(integer) * scale == value;
-}
-
 }  // namespace
-
-void* allocate_lines(std::size_t bytes) {
-  const std::size_t pages = (bytes + kHugePage - 1) / kHugePage * kHugePage;
-  void* const at = ::operator new(is_of_huge_pages(bytes) ? pages : bytes, alignment_of(bytes));
-#ifdef MADV_HUGEPAGE
-  if (is_of_huge_pages(bytes)) static_cast<void>(madvise(at, pages, MADV_HUGEPAGE));
-#endif
-  return at;
-}
-void free_lines(void* at, std::size_t bytes) {
-  ::operator delete(at, alignment_of(bytes));
-}
 
 inline void BasisTiles::Column::add(std::int16_t integer) {
   largest = std::max(largest, std::abs(int{integer}));
   squares += static_cast<double>(integer) * integer;
 }
 
-void BasisTiles::update(const Asset& asset, std::uint32_t rows) {
+void BasisTiles::follow(const Asset& asset) {
   if (rank_ == 0) {
     rank_ = asset.rank;
     scales_ = asset.column_scales;
-    float_columns_ = scales_.empty() ? rank_ : asset.exact_columns;
+    float_columns_ = asset.float_columns();
   }
   assert(rank_ == asset.rank && float_columns_ + scales_.size() == rank_);
-  const std::uint32_t end = std::min(rows, asset.rows_ready);
-  if (end <= rows_) return;
-  if (append(asset, end)) return;
-  // Some entry is off the grid: keep floats.
-  float_columns_ = rank_;
-  rows_ = 0;
-  scales_.clear();
-  floats_.clear();
-  integers_ = {};
-  columns_.clear();
-  append(asset, end);
 }
 
-bool BasisTiles::append(const Asset& asset, std::uint32_t end) {
+void BasisTiles::reserve(const Asset& asset) {
+  follow(asset);
+  const std::size_t rows = (asset.vertex_count + kRows - 1) / kRows * kRows;
+  floats_.reserve(rows * float_columns_);
+  integers_.reserve(rows * kernel::whole_pairs(rank_ - float_columns_));
+}
+
+void BasisTiles::update(const Asset& asset, std::uint32_t rows) {
+  follow(asset);
+  const std::uint32_t end = std::min(rows, asset.rows_ready);
+  if (end > rows_) append(asset, end);
+}
+
+void BasisTiles::append(const Asset& asset, std::uint32_t end) {
   const std::size_t tiles = (end + kRows - 1) / kRows;
   const std::size_t integer_columns = rank_ - float_columns_, stride = kernel::whole_pairs(integer_columns);
   floats_.resize(tiles * kRows * float_columns_);
   integers_.resize(tiles * kRows * stride);
   columns_.resize(integer_columns);
   for (std::size_t i = rows_; i < end; ++i) {
-    const float* row = &asset.basis[i * rank_];
+    const float* row = asset.floats.data() + i * float_columns_;
     float* to = floats_.data() + i / kRows * kRows * float_columns_ + i % kRows;
     for (std::size_t k = 0; k < float_columns_; ++k) to[k * kRows] = row[k];
+    const std::int16_t* entries = asset.integers.data() + i * integer_columns;
     std::int16_t* integers = integers_.data() + i / kRows * kRows * stride;
     for (std::size_t k = 0; k < integer_columns; ++k) {
-      std::int16_t& integer = integers[kernel::offset_of_integer(i % kRows, k)];
-      if (!integer_of(row[float_columns_ + k], scales_[k], integer)) return false;
-      columns_[k].add(integer);
+      integers[kernel::offset_of_integer(i % kRows, k)] = entries[k];
+      columns_[k].add(entries[k]);
     }
   }
   rows_ = end;
-  return true;
 }
 
 void BasisTiles::update(std::span<const std::int16_t> entries, std::span<const float> scales, std::uint32_t rows) {

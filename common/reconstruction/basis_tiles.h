@@ -9,26 +9,9 @@
 
 #include "common/asset/asset.h"
 #include "common/reconstruction/kernel.h"
+#include "common/reconstruction/lines.h"
 
 namespace eigencast {
-
-/// Memory aligned to a cache line; where it is large, to a huge page, and in huge pages if the system grants them:
-/// processors do not prefetch across pages.
-void* allocate_lines(std::size_t bytes);
-void free_lines(void* at, std::size_t bytes);
-
-template <typename T>
-struct CacheLineAllocator {
-  using value_type = T;
-  CacheLineAllocator() = default;
-  template <typename U>
-  explicit CacheLineAllocator(const CacheLineAllocator<U>&) {}
-  T* allocate(std::size_t count) { return static_cast<T*>(allocate_lines(count * sizeof(T))); }
-  void deallocate(T* at, std::size_t count) { free_lines(at, count * sizeof(T)); }
-  friend bool operator==(const CacheLineAllocator&, const CacheLineAllocator&) { return true; }
-};
-template <typename T>
-using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 
 /// A pose's coefficients of the integer columns, in the order of kernel::Pose::whole.
 struct WholeCoefficients {
@@ -36,12 +19,14 @@ struct WholeCoefficients {
   std::array<float, 3> unit{};
 };
 
-/// An asset's basis in tiles for the kernels. A column whose entries lie on the asset's grid to the bit is stored as
-/// 16-bit integers, else as floats. Takes n x r x 2 to 4 bytes beside the asset. Reading is thread-safe.
+/// An asset's basis in tiles for the kernels: its integers and floats as they are. Takes as many bytes as the asset's.
+/// Reading is thread-safe.
 class BasisTiles {
  public:
   /// Takes the rows of `asset` that have arrived since; at most the first `rows`. Always call it with the same asset.
   void update(const Asset& asset, std::uint32_t rows = ~0U);
+  /// Takes memory for the whole asset at once, as AssetReader::reserve().
+  void reserve(const Asset& asset);
   /// The same for a matrix of integers: rows() becomes `rows`.
   ///   entries  at least rows x r, row-major; earlier rows unchanged
   ///   scales   r: the unit of each column
@@ -72,7 +57,8 @@ class BasisTiles {
     double squares = 0;
     void add(std::int16_t integer);
   };
-  bool append(const Asset& asset, std::uint32_t end);
+  void follow(const Asset& asset);
+  void append(const Asset& asset, std::uint32_t end);
 
   std::uint32_t rows_ = 0, rank_ = 0;
   std::uint32_t float_columns_ = 0;

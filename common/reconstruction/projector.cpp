@@ -33,12 +33,13 @@ std::vector<double> gram_matrix(const Asset& asset, const std::vector<double>& w
   worker_team().run(kGramParts, [&](std::size_t part) {
     parts[part].resize(width * width);
     std::vector<double> block(kGramBlock * width);
+    std::vector<float> row(r);
     const std::size_t end = n * (part + 1) / kGramParts;
     for (std::size_t first = n * part / kGramParts; first < end; first += kGramBlock) {
       const std::size_t rows = std::min(kGramBlock, end - first);
       for (std::size_t i = 0; i < rows; ++i) {
         const double root = std::sqrt(weights[first + i]);
-        const float* row = &asset.basis[(first + i) * r];
+        asset.copy_row(first + i, row);
         for (std::size_t k = 0; k < r; ++k) block[i * width + k] = root * static_cast<double>(row[k]);
       }
       functions.add_gram(block.data(), rows, width, parts[part].data());

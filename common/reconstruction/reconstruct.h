@@ -34,6 +34,8 @@ class Reconstructor {
 
   /// Takes the rows that have arrived since the last call; always call it with the same asset, grown. Costs n x r once.
   void update(const Asset& asset);
+  /// Takes memory for all rows of the basis at once, before the first update().
+  void reserve(const Asset& asset) { tiles_.reserve(asset); }
   void reset() { tiles_ = {}, detail_ = {}; }  ///< Forgets the asset, before following another.
   const BasisTiles& tiles() const { return tiles_; }
   bool has_detail() const { return detail_.rows() > 0; }

@@ -304,8 +304,10 @@ class ReducedArap final : public Deformer {
   }
 
  private:
-  Eigen::Map<const Eigen::RowVectorXf> row(std::size_t v) const {
-    return {&asset_.basis[v * asset_.rank], static_cast<Eigen::Index>(asset_.rank)};
+  Eigen::RowVectorXf row(std::size_t v) const {
+    Eigen::RowVectorXf psi(static_cast<Eigen::Index>(asset_.rank));
+    asset_.copy_row(v, {psi.data(), asset_.rank});
+    return psi;
   }
   void add_energy(Eigen::MatrixXd& A) {
     const std::vector<std::uint32_t> corners = triangles_at_level(asset_, asset_.vertex_count);

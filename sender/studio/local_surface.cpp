@@ -14,10 +14,10 @@ Asset as_asset(const Asset& asset, const deform::LinearMap& map) {
   const std::size_t n = map.vertices, c = map.controls;
   wrapped.vertex_count = wrapped.rows_ready = static_cast<std::uint32_t>(n);
   wrapped.rank = static_cast<std::uint32_t>(c);
-  wrapped.basis.resize(n * c);
+  wrapped.floats.resize(n * c);
   for (std::size_t row = 0; row < n; ++row) {
     const double* from = &map.W[asset.source_vertex[row] * c];
-    std::transform(from, from + c, &wrapped.basis[row * c], [](double w) { return static_cast<float>(w); });
+    std::transform(from, from + c, &wrapped.floats[row * c], [](double w) { return static_cast<float>(w); });
   }
   return wrapped;
 }

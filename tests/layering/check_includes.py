@@ -16,6 +16,7 @@ ROOMS = {
     "common/wire": {"common/core"},
     "common/codec": {"common/core"},
     "common/motion": {"common/core"},
+    "common/levels": {"common/core"},
     "common/recording": {"common/core"},
     "common/surface": {"common/core"},
     "common/surface/checks": {"common/core", "common/surface"},
@@ -58,7 +59,7 @@ ROOMS = {
                "common/spectral", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "sdk"},
-    "client": {"view", "common/core", "common/command_line", "common/wire", "common/motion", "common/surface",
+    "client": {"view", "common/core", "common/command_line", "common/levels", "common/wire", "common/motion", "common/surface",
                "common/asset", "common/reconstruction", "common/net", "sdk", "common/surface/formats", "common/surface/shapes"},
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/asset", "common/reconstruction",
                       "common/net", "sdk", "common/surface/shapes"},

@@ -54,17 +54,27 @@ std::vector<double> steps_of(const AssetEncoding& encoding, std::uint32_t rank) 
   return steps;
 }
 
+/// Psi, n x r, of an asset that has integers; nothing where its floats are all.
+std::vector<float> floats_of(const Asset& asset) {
+  if (asset.column_scales.empty()) return {};
+  std::vector<float> basis(std::size_t{asset.vertex_count} * asset.rank);
+  for (std::size_t i = 0; i < asset.vertex_count; ++i)
+    asset.copy_row(i, std::span(basis).subspan(i * asset.rank, asset.rank));
+  return basis;
+}
+
 class Encoder {
  public:
-  Encoder(const Asset& asset, const AssetEncoding& encoding) : asset_(asset), encoding_(encoding) {
+  Encoder(const Asset& asset, const AssetEncoding& encoding)
+      : asset_(asset), encoding_(encoding), copied_(floats_of(asset)) {
+    basis_ = copied_.empty() ? asset.floats : copied_;
     manifest_.facts = asset;
     manifest_.exact_columns = std::min(encoding.exact_columns, asset.rank);
     manifest_.column_scales =
-        column_scales_from_basis(asset.basis, asset.rank, manifest_.exact_columns, steps_of(encoding, asset.rank));
+        column_scales_from_basis(basis_, asset.rank, manifest_.exact_columns, steps_of(encoding, asset.rank));
     predictors_ = choose_predictors(asset, manifest_.exact_columns, manifest_.column_scales);
     if (asset.detail.size() > 0) {
-      detail_ =
-          detail_on_basis(asset, on_grid(asset.basis, asset.rank, manifest_.exact_columns, manifest_.column_scales));
+      detail_ = detail_on_basis(asset, on_grid(basis_, asset.rank, manifest_.exact_columns, manifest_.column_scales));
     }
   }
 
@@ -181,11 +191,11 @@ class Encoder {
     NewTile coded = tile_of(TileKind::kBasis, b, raw_bytes);
     bool readable = false;
     if (encoding_.code && raw_bytes <= asset_limits::kMaxTileBytes) {
-      keep(coded, Compression::kCoded, code_basis(block, asset_.basis));
+      keep(coded, Compression::kCoded, code_basis(block, basis_));
       readable = raw_bytes <= asset_limits::kMaxExpansion * coded.stored.size();
       if (readable && raw_bytes > kWeighedBytes) return coded;
     }
-    NewTile plain = packed(TileKind::kBasis, b, encode_basis(block, asset_.basis));
+    NewTile plain = packed(TileKind::kBasis, b, encode_basis(block, basis_));
     return readable && (plain.failed || coded.stored.size() < plain.stored.size()) ? coded : plain;
   }
 
@@ -232,6 +242,8 @@ class Encoder {
   const Asset& asset_;
   AssetEncoding encoding_;
   Manifest manifest_;
+  std::vector<float> copied_;
+  std::span<const float> basis_;  // n x r
   Predictors predictors_;
   Asset::Detail detail_;  // of the basis that readers have
   std::uint32_t row_ = 0;

@@ -59,7 +59,6 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   AssetReader reader;
   reader.manifest_ = std::make_shared<const Manifest>(std::move(*parsed));
   static_cast<AssetFacts&>(reader.asset_) = reader.manifest_->facts;
-  reader.asset_.exact_columns = reader.manifest_->exact_columns;
   reader.asset_.column_scales = reader.manifest_->column_scales;
   reader.bands_ = std::min(bands, reader.asset_.band_ends.size());
   std::uint32_t row = 0;
@@ -72,22 +71,31 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   return reader;
 }
 
+void AssetReader::reserve() {
+  asset_.floats.reserve(std::size_t{asset_.vertex_count} * asset_.float_columns());
+  asset_.integers.reserve(std::size_t{asset_.vertex_count} * asset_.column_scales.size());
+}
+
 std::uint64_t AssetReader::memory_bytes() const {
   // Beside the basis: an asset's arrays, poses and what is drawn of them, in memory and on the GPU.
-  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kEntryBytes = 3 * sizeof(float), kUvByteBytes = 8;
-  std::uint64_t largest_chunk = 0, extras = 0, entry_bytes = kEntryBytes;
+  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kUvByteBytes = 8;
+  // Three of each: the asset's, the processor's and the GPU's.
+  constexpr std::uint64_t kFloatBytes = 3 * sizeof(float), kIntegerBytes = 3 * sizeof(std::int16_t);
+  std::uint64_t largest_chunk = 0, extras = 0;
+  std::uint64_t row_bytes = asset_.float_columns() * kFloatBytes + asset_.column_scales.size() * kIntegerBytes;
+  const std::uint64_t detailed_row_bytes = row_bytes + 2 * kIntegerBytes * asset_.rank;
   for (const ChunkEntry& chunk : manifest_->chunks) {
     std::uint64_t unpacked = 4 * chunk.stored_bytes();  // This one, two that are ready, one that is on its way.
     for (const TileEntry& tile : chunk.tiles) {
       unpacked += tile.raw_bytes;
-      if (tile.is(TileKind::kDetail)) entry_bytes = 2 * kEntryBytes;
+      if (tile.is(TileKind::kDetail)) row_bytes = detailed_row_bytes;
       if (tile.is(TileKind::kUvs)) extras += kUvByteBytes * tile.raw_bytes;
       if (tile.is(TileKind::kImage)) extras += tile.raw_bytes;
     }
     largest_chunk = std::max(largest_chunk, unpacked);
   }
-  return std::uint64_t{asset_.vertex_count} * (asset_.rank * entry_bytes + kVertexBytes) +
-         asset_.face_total * kFaceBytes + extras + largest_chunk;
+  return std::uint64_t{asset_.vertex_count} * (row_bytes + kVertexBytes) + asset_.face_total * kFaceBytes + extras +
+         largest_chunk;
 }
 
 Result<void> AssetReader::add_chunk(std::size_t index, ByteView bytes) {
@@ -137,14 +145,13 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     seen[source] = true;
   }
 
-  asset_.basis.reserve(std::size_t{entry.end_row} * asset_.rank);
-  asset_.basis.resize(std::size_t{entry.end_row} * asset_.rank, 0.0F);
+  resize_basis(entry.end_row);
   Result<void> decoded = decode_bands(entry, bytes, structure->predictors);
   auto texture = decode_texture(entry, bytes, *structure);
   if (decoded && !texture) decoded = texture.error();
   if (decoded) decoded = decode_extras(entry, bytes, structure->map);
   if (!decoded) {
-    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    resize_basis(range.first_row);
     return decoded;
   }
   asset_.texture = std::move(*texture);
@@ -158,6 +165,14 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
   asset_.rows_ready = entry.end_row;
   asset_.faces_ready = entry.end_face;
   return {};
+}
+
+void AssetReader::resize_basis(std::size_t rows) {
+  const std::size_t floats = rows * asset_.float_columns(), integers = rows * asset_.column_scales.size();
+  asset_.floats.reserve(floats);
+  asset_.floats.resize(floats, 0.0F);
+  asset_.integers.reserve(integers);
+  asset_.integers.resize(integers, 0);
 }
 
 /// Bands share neither bytes nor columns: at the same time, the last one, which is the largest, first.
@@ -174,11 +189,11 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
     const TileEntry& tile = entry.tiles[1 + b];
     const ByteView stored = bytes.subspan(begin[b], tile.stored_bytes);
     if (tile.compression == Compression::kCoded) {
-      results[b] = decode_coded_basis(block, stored, asset_.basis);
+      results[b] = decode_coded_basis(block, stored, {asset_.floats, asset_.integers});
       return;
     }
     auto raw = unpacked({&tile, stored});
-    results[b] = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
+    results[b] = raw ? decode_basis(block, *raw, {asset_.floats, asset_.integers}) : Result<void>(raw.error());
   });
   for (Result<void>& result : results) {
     if (!result) return std::move(result);

@@ -40,6 +40,9 @@ class AssetReader {
   /// GPU rebuild poses, poses as they are drawn, the largest chunk unpacked, and those waiting. Without the texture's
   /// pixels.
   std::uint64_t memory_bytes() const;
+  /// Takes memory for the whole basis at once, where the caller has granted memory_bytes(): growing takes half as much
+  /// again for a while.
+  void reserve();
   /// Adds chunk `index`, whole or its first needed_bytes; chunks must come in order. After an error nothing has
   /// changed. Errors: kCorrupt, kInvalidArgument (order).
   Result<void> add_chunk(std::size_t index, ByteView bytes);
@@ -51,6 +54,7 @@ class AssetReader {
   AssetReader() = default;
   Result<void> verify(std::size_t index, ByteView bytes) const;
   Result<void> decode(std::size_t index, ByteView bytes);
+  void resize_basis(std::size_t rows);
   Result<void> decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors);
   Result<void> decode_extras(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map);
   Result<std::shared_ptr<const AssetTexture>> decode_texture(const ChunkEntry& entry, ByteView bytes,

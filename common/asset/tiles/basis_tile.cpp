@@ -87,7 +87,7 @@ Bytes encode_basis(const BasisBlock& block, std::span<const float> basis) {
   return raw;
 }
 
-Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float> basis) {
+Result<void> decode_basis(const BasisBlock& block, ByteView raw, const BasisRows& basis) {
   const std::uint32_t rows = block.end_row - block.first_row;
   const std::uint32_t first_integer = std::clamp(block.exact_columns, block.first_column, block.end_column);
   const std::size_t floats = std::size_t{rows} * (first_integer - block.first_column);
@@ -101,14 +101,14 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
       if (!std::isfinite(value)) {
         return entry_not_finite(i, k);
       }
-      basis[std::size_t{i} * block.rank + k] = value;
+      basis.floats[std::size_t{i} * block.exact_columns + k] = value;
     }
   }
   const std::uint8_t* low = raw.data() + 4 * floats;
   const std::uint8_t* high = low + integers;
   for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMaxColumns) {
     IntegerColumns columns(block, first);
-    columns.take(basis, 0, block.first_row);
+    columns.take(basis.integers, 0, block.first_row);
     for (std::uint32_t k = first; k < columns.end(); ++k) {
       auto& column = columns[k];
       for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
@@ -121,7 +121,7 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
         column[i] = value;
       }
     }
-    columns.give(basis, block.first_row, block.end_row);
+    columns.give(basis.integers, block.first_row, block.end_row);
   }
   return {};
 }

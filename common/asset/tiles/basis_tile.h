@@ -40,6 +40,7 @@ class IntegerColumns {
   std::vector<std::int16_t>& operator[](std::uint32_t k) { return columns_[k - first_]; }
   float scale(std::uint32_t k) const { return block_.column_scales[k - block_.exact_columns]; }
 
+  /// Rounds rows of a basis of floats, n x r.
   void take(std::span<const float> basis, std::uint32_t row, std::uint32_t end_row) {
     for (; row < end_row; ++row) {
       for (std::uint32_t k = first_; k < end_; ++k) {
@@ -47,11 +48,15 @@ class IntegerColumns {
       }
     }
   }
-  void give(std::span<float> basis, std::uint32_t row, std::uint32_t end_row) {
+  /// Copies rows from, and to, a basis of integers, n x (r - exact_columns).
+  void take(std::span<const std::int16_t> basis, std::uint32_t row, std::uint32_t end_row) {
     for (; row < end_row; ++row) {
-      for (std::uint32_t k = first_; k < end_; ++k) {
-        basis[std::size_t{row} * block_.rank + k] = static_cast<float>((*this)[k][row]) * scale(k);
-      }
+      for (std::uint32_t k = first_; k < end_; ++k) (*this)[k][row] = basis[at(row, k)];
+    }
+  }
+  void give(std::span<std::int16_t> basis, std::uint32_t row, std::uint32_t end_row) {
+    for (; row < end_row; ++row) {
+      for (std::uint32_t k = first_; k < end_; ++k) basis[at(row, k)] = (*this)[k][row];
     }
   }
 
@@ -61,6 +66,10 @@ class IntegerColumns {
   }
 
  private:
+  std::size_t at(std::uint32_t row, std::uint32_t k) const {
+    return std::size_t{row} * (block_.rank - block_.exact_columns) + k - block_.exact_columns;
+  }
+
   const BasisBlock& block_;
   std::uint32_t first_, end_;
   std::array<std::vector<std::int16_t>, kMaxColumns> columns_;
@@ -82,11 +91,16 @@ Bytes encode_basis(const BasisBlock& block, std::span<const float> basis);
 /// The same, coded (Compression::kCoded): about a tenth smaller than zstd makes the other.
 Bytes code_basis(const BasisBlock& block, std::span<const float> basis);
 
-/// Writes rows first_row .. end_row and the block's columns into `basis` (at least end_row x r), whose earlier rows
-/// must hold the same columns. Errors: kCorrupt (a number that is not finite or out of range). REQUIRES: raw.size() is
-/// the block's size.
-Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float> basis);
-Result<void> decode_coded_basis(const BasisBlock& block, ByteView coded, std::span<float> basis);
+/// Where a basis is read into: Asset's arrays, of at least end_row rows.
+struct BasisRows {
+  std::span<float> floats;
+  std::span<std::int16_t> integers;
+};
+
+/// Writes rows first_row .. end_row and the block's columns into `basis`, whose earlier rows must hold the same
+/// columns. Errors: kCorrupt (a number that is not finite or out of range). REQUIRES: raw.size() is the block's size.
+Result<void> decode_basis(const BasisBlock& block, ByteView raw, const BasisRows& basis);
+Result<void> decode_coded_basis(const BasisBlock& block, ByteView coded, const BasisRows& basis);
 
 Error entry_not_finite(std::uint32_t row, std::uint32_t column);
 Error entry_out_of_range(std::uint32_t row, std::uint32_t column);

@@ -109,15 +109,17 @@ class ResidualModel {
   std::uint32_t met_ = kPrior, expected_ = kPrior;  // in this column: sizes, and what the rows' means are
 };
 
-/// Both directions. Basis: of const floats where they are written, of floats where they are read.
-template <typename Coder, typename Basis>
-Result<void> pass_floats(Coder& coder, const BasisBlock& block, std::uint32_t end_column, Basis basis) {
+/// Both directions. Values: const floats that are written; floats that are read. `stride` lies between the entries of a
+/// column.
+template <typename Coder, typename Value>
+Result<void> pass_floats(Coder& coder, const BasisBlock& block, std::uint32_t end_column, std::span<Value> values,
+                         std::size_t stride) {
   FloatModel model(block.end_row - block.first_row);
   for (std::uint32_t k = block.first_column; k < end_column; ++k) {
     for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
-      auto& entry = basis[std::size_t{i} * block.rank + k];
-      const float value = model.pass(coder, block.predictors, i - block.first_row, i, &basis[k], block.rank, entry);
-      if constexpr (!std::is_const_v<typename Basis::element_type>) {
+      auto& entry = values[i * stride + k];
+      const float value = model.pass(coder, block.predictors, i - block.first_row, i, &values[k], stride, entry);
+      if constexpr (!std::is_const_v<Value>) {
         if (!std::isfinite(value)) return entry_not_finite(i, k);
         entry = value;
       }
@@ -126,13 +128,14 @@ Result<void> pass_floats(Coder& coder, const BasisBlock& block, std::uint32_t en
   return {};
 }
 
-template <typename Coder, typename Basis>
-Result<void> pass_integers(Coder& coder, const BasisBlock& block, std::uint32_t first_column, Basis basis) {
-  constexpr bool kReads = !std::is_const_v<typename Basis::element_type>;
+/// Both directions. Values: const floats, rounded and written; integers that are read.
+template <typename Coder, typename Value>
+Result<void> pass_integers(Coder& coder, const BasisBlock& block, std::uint32_t first_column, std::span<Value> values) {
+  constexpr bool kReads = !std::is_const_v<Value>;
   ResidualModel model(block.end_row - block.first_row);
   for (std::uint32_t first = first_column; first < block.end_column; first += IntegerColumns::kMaxColumns) {
     IntegerColumns columns(block, first);
-    columns.take(basis, 0, kReads ? block.first_row : block.end_row);
+    columns.take(std::span<const Value>(values), 0, kReads ? block.first_row : block.end_row);
     for (std::uint32_t k = first; k < columns.end(); ++k) {
       auto& column = columns[k];
       model.next_column();
@@ -146,16 +149,13 @@ Result<void> pass_integers(Coder& coder, const BasisBlock& block, std::uint32_t 
         }
       }
     }
-    if constexpr (kReads) columns.give(basis, block.first_row, block.end_row);
+    if constexpr (kReads) columns.give(values, block.first_row, block.end_row);
   }
   return {};
 }
 
-template <typename Coder, typename Basis>
-Result<void> pass_tile(Coder& coder, const BasisBlock& block, Basis basis) {
-  const std::uint32_t first_integer = std::clamp(block.exact_columns, block.first_column, block.end_column);
-  if (auto floats = pass_floats(coder, block, first_integer, basis); !floats) return floats;
-  return pass_integers(coder, block, first_integer, basis);
+std::uint32_t first_integer(const BasisBlock& block) {
+  return std::clamp(block.exact_columns, block.first_column, block.end_column);
 }
 
 }  // namespace
@@ -163,14 +163,17 @@ Result<void> pass_tile(Coder& coder, const BasisBlock& block, Basis basis) {
 Bytes code_basis(const BasisBlock& block, std::span<const float> basis) {
   Bytes coded;
   BitWriter coder(coded);
-  static_cast<void>(pass_tile(coder, block, basis));  // what is written is not checked
+  static_cast<void>(pass_floats(coder, block, first_integer(block), basis, block.rank));  // What is written
+  static_cast<void>(pass_integers(coder, block, first_integer(block), basis));            // is not checked.
   coder.finish();
   return coded;
 }
 
-Result<void> decode_coded_basis(const BasisBlock& block, ByteView coded, std::span<float> basis) {
+Result<void> decode_coded_basis(const BasisBlock& block, ByteView coded, const BasisRows& basis) {
   BitReader coder(coded);
-  if (auto read = pass_tile(coder, block, basis); !read) return read;
+  const std::uint32_t end_floats = first_integer(block);
+  if (auto read = pass_floats(coder, block, end_floats, basis.floats, block.exact_columns); !read) return read;
+  if (auto read = pass_integers(coder, block, end_floats, basis.integers); !read) return read;
   if (!coder.finished()) return fail(ErrorCode::kCorrupt, "basis tile: bytes too many at its end");
   return {};
 }

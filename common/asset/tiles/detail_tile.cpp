@@ -113,8 +113,8 @@ Asset::Detail detail_on_basis(const Asset& asset, std::span<const float> basis) 
       return at_rest([&](std::size_t k) { return static_cast<double>(along[i * r + k]) * double{detail.steps[k]}; });
     };
     const auto frame = frame_from_derivatives(derivative(detail.along_x), derivative(detail.along_y));
-    const Vector moved = frame.to_frame(
-        at_rest([&](std::size_t k) { return double{asset.basis[i * r + k]} - double{basis[i * r + k]}; }));
+    const Vector moved =
+        frame.to_frame(at_rest([&](std::size_t k) { return double{asset.entry(i, k)} - double{basis[i * r + k]}; }));
     for (std::size_t d = detail.axes == 1 ? 2 : 0; d < 3; ++d) detail.offset[i][d] += static_cast<float>(moved[d]);
   });
   return detail;

@@ -32,7 +32,7 @@ class Sample {
     values_.resize(std::size_t{asset.vertex_count} * width_);
     for (std::size_t c = 0; c < width_; ++c) {
       const auto entry = [&](std::uint32_t row) {
-        return double{asset.basis[std::size_t{row} * asset.rank + exact_columns + columns[c]]} / scales[columns[c]];
+        return double{asset.entry(row, exact_columns + columns[c])} / scales[columns[c]];
       };
       double residual = 0;
       for (std::uint32_t i = 0; i < asset.vertex_count; ++i) residual += std::abs(entry(i) - entry(asset.map[i]));

@@ -1,18 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "common/core/hash/sha256.h"
 
-#include <openssl/evp.h>
-
-#include <new>
-
 namespace eigencast {
 namespace {
 
 constexpr std::string_view kDigits = "0123456789abcdef";
-
-EVP_MD_CTX* context_from(void* context) {
-  return static_cast<EVP_MD_CTX*>(context);
-}
 
 }  // namespace
 
@@ -46,22 +38,6 @@ Sha256 sha256(ByteView data) {
 
 Sha256 sha256(std::string_view text) {
   return sha256(ByteView(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
-}
-
-Sha256Stream::Sha256Stream()
-    : context_(EVP_MD_CTX_new(), [](void* context) { EVP_MD_CTX_free(static_cast<EVP_MD_CTX*>(context)); }) {
-  if (!context_ || EVP_DigestInit_ex(context_from(context_.get()), EVP_sha256(), nullptr) != 1) throw std::bad_alloc();
-}
-
-void Sha256Stream::update(ByteView data) {
-  EVP_DigestUpdate(context_from(context_.get()), data.data(), data.size());
-}
-
-Sha256 Sha256Stream::finish() {
-  Sha256 result;
-  unsigned size = 0;
-  EVP_DigestFinal_ex(context_from(context_.get()), result.digest.data(), &size);
-  return result;
 }
 
 }  // namespace eigencast

@@ -37,21 +37,37 @@ struct Basis {
   }
   float& at(std::uint32_t i, std::uint32_t k) { return entries[i * rank + k]; }
 
+  /// Room to read it into.
+  struct Read {
+    std::vector<float> floats;
+    std::vector<std::int16_t> integers;
+    explicit Read(const Basis& basis)
+        : floats(basis.rows * kExact, 77), integers(basis.rows * (basis.rank - kExact), 77) {}
+    BasisRows rows() { return {floats, integers}; }
+  };
+
   void expect_to_come_back() const {
     for (const auto& [lo, hi] : {std::pair{0u, rank}, {0u, 3u}, {2u, 5u}, {5u, rank}}) {
-      std::vector<float> read(entries.size(), 77);
+      Read read(*this);
       for (const auto& [first, end] : {std::pair{0u, rows / 3}, {rows / 3, rows}}) {
         const Predictors part = part_of(predictors, first, end);
         const BasisBlock block{first, end, lo, hi, kExact, rank, scales, part};
         const Bytes coded = code_basis(block, entries);
-        const auto result = decode_coded_basis(block, coded, read);
+        const auto result = decode_coded_basis(block, coded, read.rows());
         ASSERT_TRUE(result) << result.error().message;
       }
       for (std::uint32_t i = 0; i < rows; ++i) {
         for (std::uint32_t k = 0; k < rank; ++k) {
-          const float expected = k >= lo && k < hi ? entries[i * rank + k] : 77;
-          ASSERT_EQ(std::bit_cast<std::uint32_t>(read[i * rank + k]), std::bit_cast<std::uint32_t>(expected))
-              << i << ", " << k;
+          const bool is_there = k >= lo && k < hi;
+          if (k < kExact) {
+            ASSERT_EQ(std::bit_cast<std::uint32_t>(read.floats[i * kExact + k]),
+                      std::bit_cast<std::uint32_t>(is_there ? entries[i * rank + k] : 77.0F))
+                << i << ", " << k;
+          } else {
+            const std::int16_t integer = read.integers[i * (rank - kExact) + k - kExact];
+            const float expected = is_there ? entries[i * rank + k] : 77 * scales[k - kExact];
+            ASSERT_EQ(static_cast<float>(integer) * scales[k - kExact], expected) << i << ", " << k;
+          }
         }
       }
     }
@@ -87,17 +103,18 @@ TEST(CodedBasis, IsSmallerThanZstdOnSmoothBases) {
   EXPECT_LT(static_cast<double>(coded->total_bytes()), 0.97 * static_cast<double>(without->total_bytes()));
   const auto a = decode_asset(*coded), b = decode_asset(*without);
   ASSERT_TRUE(a && b);
-  EXPECT_EQ(a->basis, b->basis);
+  EXPECT_EQ(a->floats, b->floats);
+  EXPECT_EQ(a->integers, b->integers);
 }
 
 TEST(CodedBasis, AConstantColumnCostsNothing) {
   Asset asset = sample_asset(4, 12);
   const auto size = [&] { return encode_asset(asset, {.compress = false}).value().total_bytes(); };
   const std::size_t before = size();
-  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.basis[i * 12 + 1] = 0.3F;
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.floats[i * 12 + 1] = 0.3F;
   EXPECT_LT(size() + asset.vertex_count, before);
   const std::size_t constant = size();
-  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.basis[i * 12 + 1] = 0;
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.floats[i * 12 + 1] = 0;
   EXPECT_NEAR(static_cast<double>(size()), static_cast<double>(constant), 200);
 }
 
@@ -105,21 +122,21 @@ TEST(CodedBasis, RefusesBytesThatNoWriterWrites) {
   Basis basis(40, 9);
   const Predictors part = part_of(basis.predictors, 0, 40);
   const BasisBlock block{0, 40, 0, 9, Basis::kExact, 9, basis.scales, part};
-  std::vector<float> read(basis.entries.size());
+  Basis::Read read(basis);
   Bytes longer = code_basis(block, basis.entries);
   longer.insert(longer.end(), 8, 1);
-  EXPECT_FALSE(decode_coded_basis(block, longer, read));
+  EXPECT_FALSE(decode_coded_basis(block, longer, read.rows()));
   int refused = 0;
   std::mt19937 random(1);
   for (int trial = 0; trial < 300; ++trial) {
     Bytes any(random() % 400);
     for (auto& byte : any) byte = static_cast<std::uint8_t>(random());
-    const auto result = decode_coded_basis(block, any, read);
+    const auto result = decode_coded_basis(block, any, read.rows());
     if (!result) {
       ++refused;
       continue;
     }
-    for (const float entry : read) ASSERT_TRUE(std::isfinite(entry));
+    for (const float entry : read.floats) ASSERT_TRUE(std::isfinite(entry));
   }
   EXPECT_GT(refused, 290);
 }

@@ -31,10 +31,10 @@ Asset golden_asset() {
     asset.mass[i] = 0.25F + 0.0625F * static_cast<float>(i % 5);
     for (std::uint32_t k = 0; k < 5; ++k) {
       const std::uint32_t noise = ((i * 5 + k) * 2654435761U) >> 22;
-      asset.basis[i * 5 + k] = k == 0 ? 0.5F : (static_cast<float>(noise) - 512.0F) / 512.0F;
+      asset.floats[i * 5 + k] = k == 0 ? 0.5F : (static_cast<float>(noise) - 512.0F) / 512.0F;
     }
   }
-  asset.basis[7 * 5 + 4] = 32767.0F / 16384.0F;  // the largest of its column, so that its scale is 2^-14
+  asset.floats[7 * 5 + 4] = 32767.0F / 16384.0F;  // the largest of its column, so that its scale is 2^-14
   return asset;
 }
 
@@ -61,7 +61,9 @@ Json json_from(const Asset& a, const Sha256& id) {
   constexpr const char* kAxes[] = {"unknown", "x", "y", "z"};
   Json rows = Json::array();
   for (std::uint32_t i = 0; i < a.vertex_count; ++i) {
-    rows.push_back(std::vector<double>(a.basis.begin() + i * a.rank, a.basis.begin() + (i + 1) * a.rank));
+    std::vector<float> row(a.rank);
+    a.copy_row(i, row);
+    rows.push_back(std::vector<double>(row.begin(), row.end()));
   }
   return {{"id", id.hex()},
           {"n", a.vertex_count},

@@ -198,7 +198,8 @@ TEST(AssetHostile, BadBasisTileLeavesTheReaderUnchanged) {
   EXPECT_NE(added.error().message.find("row 16 column 0"), std::string::npos) << added.error().message;
   EXPECT_EQ(reader->asset().rows_ready, before.rows_ready);
   EXPECT_EQ(reader->asset().map, before.map);
-  EXPECT_EQ(reader->asset().basis, before.basis);
+  EXPECT_EQ(reader->asset().floats, before.floats);
+  EXPECT_EQ(reader->asset().integers, before.integers);
   EXPECT_EQ(reader->asset().faces, before.faces);
 }
 
@@ -224,7 +225,7 @@ TEST(AssetHostile, BadDetailTileLeavesTheReaderUnchanged) {
     EXPECT_EQ(other->asset().detail.along_x, before.detail.along_x);
     EXPECT_EQ(other->asset().detail.along_y, before.detail.along_y);
     EXPECT_EQ(other->asset().splats.size(), before.splats.size());
-    EXPECT_EQ(other->asset().basis, before.basis);
+    EXPECT_EQ(other->asset().integers, before.integers);
   }
   EXPECT_EQ(refused, 255);  // What a column of no step holds is zero.
 }
@@ -326,7 +327,7 @@ TEST(AssetHostile, LyingZstdFramesTakeNoMemory) {
 
 TEST(AssetHostile, MemoryIsStatedBeforeItIsTaken) {
   Asset flat = sample_asset(5, 64);
-  std::fill(flat.basis.begin(), flat.basis.end(), 0.0F);  // packs a thousandfold
+  std::fill(flat.floats.begin(), flat.floats.end(), 0.0F);  // packs a thousandfold
   const auto bomb = encode_asset(flat, {.exact_columns = 0, .first_chunk_rows = 64, .compress = true, .code = false});
   ASSERT_TRUE(bomb) << bomb.error().message;
   for (const EncodedAsset& encoded : {*bomb, sample(true, false, true), sample(false, true, true)}) {
@@ -336,8 +337,8 @@ TEST(AssetHostile, MemoryIsStatedBeforeItIsTaken) {
     EXPECT_LE(taken.bytes, taken.stated);
   }
   // Beyond what a reader takes: what rebuilds and draws it.
-  EXPECT_GE(take_whole(*bomb).stated, 3 * flat.basis.size() * sizeof(float));
-  EXPECT_LE(take_whole(*bomb).stated, 8 * flat.basis.size() * sizeof(float));
+  EXPECT_GE(take_whole(*bomb).stated, 3 * flat.floats.size() * sizeof(std::int16_t));
+  EXPECT_LE(take_whole(*bomb).stated, 10 * flat.floats.size() * sizeof(std::int16_t));
 }
 
 TEST(AssetHostile, RepeatedSourceVertexIsRefused) {
@@ -407,7 +408,7 @@ TEST(AssetExtensions, ReadersWithoutDetailReadTheRest) {
   const auto plain = decode_asset(sample());
   ASSERT_TRUE(plain);
   EXPECT_EQ(without->detail.size(), 0u);
-  EXPECT_EQ(without->basis, plain->basis);
+  EXPECT_EQ(without->integers, plain->integers);
   EXPECT_EQ(without->faces, plain->faces);
 }
 

@@ -18,7 +18,7 @@ namespace {
 TEST(Predictors, PrecedeTheirRowAndBeatItsParent) {
   for (const bool cloud : {false, true}) {
     const Asset asset = sample_asset(4, 30, cloud);
-    const std::vector<float> scales = column_scales_from_basis(asset.basis, asset.rank, 4, {});
+    const std::vector<float> scales = column_scales_from_basis(asset.floats, asset.rank, 4, {});
     const Predictors all = choose_predictors(asset, 4, scales);
     ASSERT_EQ(all.row_count(), asset.vertex_count);
     for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
@@ -32,7 +32,7 @@ TEST(Predictors, PrecedeTheirRowAndBeatItsParent) {
     for (std::uint32_t k = 4; k < asset.rank; ++k) {
       std::vector<std::int16_t> column(asset.vertex_count);
       for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
-        const float value = asset.basis[std::size_t{i} * asset.rank + k] / scales[k - 4];
+        const float value = asset.entry(i, k) / scales[k - 4];
         column[i] = static_cast<std::int16_t>(std::lrint(value));
         if (i < asset.base_count) continue;
         left += std::abs(column[i] - all.predict(i, column));
@@ -45,7 +45,7 @@ TEST(Predictors, PrecedeTheirRowAndBeatItsParent) {
 
 TEST(Predictors, PartsEqualTheWhole) {
   const Asset asset = sample_asset(2, 9);
-  const std::vector<float> scales = column_scales_from_basis(asset.basis, asset.rank, 4, {});
+  const std::vector<float> scales = column_scales_from_basis(asset.floats, asset.rank, 4, {});
   const Predictors all = choose_predictors(asset, 4, scales);
   const Predictors part = part_of(all, 20, 90);
   ASSERT_EQ(part.row_count(), 70u);
@@ -90,9 +90,8 @@ TEST(AssetEncoding, StepsGiveTheRequestedError) {
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
     std::array<double, 3> moved{};
     for (std::uint32_t k = 0; k < asset.rank; ++k) {
-      const std::size_t at = std::size_t{i} * asset.rank + k;
       for (std::size_t axis = 0; axis < 3; ++axis)
-        moved[axis] += (double{decoded->basis[at]} - double{asset.basis[at]}) * C[k][axis];
+        moved[axis] += (double{decoded->entry(i, k)} - double{asset.entry(i, k)}) * C[k][axis];
     }
     for (const double m : moved) sum += m * m;
   }

@@ -64,8 +64,8 @@ TEST(AssetRoundTrip, QuantisesWithinHalfAStepOfEachColumn) {
     double largest = 0, worst = 0;
     for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
       const std::size_t at = std::size_t{i} * asset.rank + k;
-      largest = std::max(largest, std::abs(double{asset.basis[at]}));
-      worst = std::max(worst, std::abs(double{asset.basis[at]} - double{decoded.basis[at]}));
+      largest = std::max(largest, std::abs(double{asset.floats[at]}));
+      worst = std::max(worst, std::abs(double{asset.floats[at]} - double{decoded.entry(i, k)}));
     }
     EXPECT_LE(worst, k < 4 ? 0 : 0.501 * largest / 32767) << "column " << k;
   }
@@ -81,9 +81,9 @@ TEST(AssetRoundTrip, RestPoseStaysExactAfterQuantisation) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       double rebuilt = 0;
       for (std::uint32_t k = 0; k < asset.rank; ++k) {
-        rebuilt += double{decoded.basis[std::size_t{i} * asset.rank + k]} * decoded.rest[k * 3 + axis];
+        rebuilt += double{decoded.entry(i, k)} * decoded.rest[k * 3 + axis];
       }
-      worst = std::max(worst, std::abs(rebuilt - double{asset.basis[std::size_t{i} * asset.rank + 1 + axis]}));
+      worst = std::max(worst, std::abs(rebuilt - double{asset.entry(i, 1 + axis)}));
     }
   }
   EXPECT_LE(worst, 1e-6 * asset.diagonal());
@@ -92,14 +92,16 @@ TEST(AssetRoundTrip, RestPoseStaysExactAfterQuantisation) {
 TEST(AssetRoundTrip, SecondTripChangesAtMostOneUlp) {
   const Asset once = round_trip(sample_asset(2, 12), {});
   const Asset twice = round_trip(once, {});
-  for (std::size_t i = 0; i < once.basis.size(); ++i) EXPECT_FLOAT_EQ(once.basis[i], twice.basis[i]);
+  for (std::uint32_t i = 0; i < once.vertex_count; ++i) {
+    for (std::uint32_t k = 0; k < once.rank; ++k) EXPECT_FLOAT_EQ(once.entry(i, k), twice.entry(i, k));
+  }
 }
 
 TEST(AssetRoundTrip, ColumnsOfZerosAndTinyRanksWork) {
   Asset asset = sample_asset(2, 9);
-  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.basis[std::size_t{i} * 9 + 6] = 0;
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.floats[std::size_t{i} * 9 + 6] = 0;
   const Asset decoded = round_trip(asset, {});
-  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) EXPECT_EQ(decoded.basis[std::size_t{i} * 9 + 6], 0.0F);
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) EXPECT_EQ(decoded.entry(i, 6), 0.0F);
   for (const std::uint32_t rank : {1u, 2u, 4u})
     expect_same_structure(sample_asset(1, rank), round_trip(sample_asset(1, rank), {}));
 }
@@ -128,7 +130,7 @@ std::vector<std::array<double, 3>> detailed_rest(const Asset& asset) {
     for (std::size_t k = 0; k < asset.rank; ++k) {
       for (std::size_t d = 0; d < 3; ++d) {
         const double c = asset.rest[3 * k + d], step = double{asset.detail.steps[k]};
-        at[d] += c * double{asset.basis[i * asset.rank + k]};
+        at[d] += c * double{asset.entry(i, k)};
         x[d] += c * step * static_cast<double>(asset.detail.along_x[i * asset.rank + k]);
         y[d] += c * step * static_cast<double>(asset.detail.along_y[i * asset.rank + k]);
       }
@@ -264,7 +266,7 @@ TEST(AssetReader, EachArrivedPrefixIsTheSurfaceAtThatLevel) {
     const Asset& part = reader->asset();
     const std::uint32_t N = part.rows_ready;
     EXPECT_EQ(N, reader->chunks()[c].end_row);
-    EXPECT_EQ(part.basis.size(), std::size_t{N} * whole.rank);
+    EXPECT_EQ(part.floats.size() + part.integers.size(), std::size_t{N} * whole.rank);
     EXPECT_TRUE(std::equal(part.map.begin(), part.map.end(), whole.map.begin()));
     EXPECT_TRUE(std::equal(part.death.begin(), part.death.end(), whole.death.begin()));
     ASSERT_EQ(part.faces.size(), part.faces_ready);
@@ -295,8 +297,7 @@ TEST(AssetReader, FewBandsNeedOnlyAPrefixOfEachChunk) {
   EXPECT_EQ(few.faces, whole.faces);
   for (std::uint32_t i = 0; i < few.vertex_count; ++i) {
     for (std::uint32_t k = 0; k < few.rank; ++k) {
-      const std::size_t at = std::size_t{i} * few.rank + k;
-      ASSERT_EQ(few.basis[at], k < 4 ? all.basis[at] : 0.0F);
+      ASSERT_EQ(few.entry(i, k), k < 4 ? all.entry(i, k) : 0.0F);
     }
   }
 }
@@ -314,7 +315,7 @@ TEST(AssetEncode, RefusesWhatIsNotAnAsset) {
   expect_refused([](Asset& a) { a.map[2] = 1; }, "row 2");
   expect_refused([](Asset& a) { a.source_vertex[5] = a.source_vertex[4]; }, "row 5");
   expect_refused([](Asset& a) { a.mass[7] = 0; }, "row 7");
-  expect_refused([](Asset& a) { a.basis[6 * 9 + 2] = NAN; }, "row 9: basis column 2");
+  expect_refused([](Asset& a) { a.floats[6 * 9 + 2] = NAN; }, "row 9: basis column 2");
   expect_refused([](Asset& a) { a.rest[4] = INFINITY; }, "rest coefficient 1");
   expect_refused([](Asset& a) { std::swap(a.death.front(), a.death.back()); }, "face ");
   expect_refused([](Asset& a) { a.faces[3][1] = 42; }, "face 3");

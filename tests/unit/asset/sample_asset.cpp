@@ -130,7 +130,7 @@ Asset sample_asset(int subdivisions, std::uint32_t rank, bool cloud) {
     const auto& [x, y, z] = sphere.points[i];
     for (std::uint32_t k = 0; k < rank; ++k) {
       const double wave = std::cos(0.3 * k * x + 0.2) * std::cos(0.23 * k * y - 0.1) * std::cos(0.17 * k * z + 0.4);
-      asset.basis.push_back(static_cast<float>(k == 0 ? 0.25 : k == 1 ? x : k == 2 ? y : k == 3 ? z : wave));
+      asset.floats.push_back(static_cast<float>(k == 0 ? 0.25 : k == 1 ? x : k == 2 ? y : k == 3 ? z : wave));
     }
   }
   asset.rest.assign(std::size_t{rank} * 3, 0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/lod_resolver.h"
+#include "common/levels/lod_resolver.h"
 
 #include <gtest/gtest.h>
 

@@ -25,9 +25,8 @@ class CoefficientRounding {
   std::array<double, 3> of(std::size_t i) const {
     std::array<double, 3> rounding{};
     if (!whole_) return rounding;
-    for (std::size_t k = asset_.exact_columns; k < rank_; ++k) {
-      const float scale = asset_.column_scales[k - asset_.exact_columns];
-      const double integer = scale > 0 ? std::round(asset_.basis[i * asset_.rank + k] / scale) : 0;
+    for (std::size_t k = asset_.float_columns(); k < rank_; ++k) {
+      const double integer = asset_.integers[i * asset_.column_scales.size() + k - asset_.float_columns()];
       for (std::size_t d = 0; d < 3; ++d) rounding[d] += 0.5 * double{whole_->unit[d]} * std::abs(integer);
     }
     return rounding;

@@ -22,7 +22,7 @@ Asset any_asset(std::uint32_t n, std::uint32_t r) {
   Asset asset;
   asset.vertex_count = asset.rows_ready = n;
   asset.rank = r;
-  for (const double value : random_values(std::size_t{n} * r)) asset.basis.push_back(static_cast<float>(value));
+  for (const double value : random_values(std::size_t{n} * r)) asset.floats.push_back(static_cast<float>(value));
   return asset;
 }
 
@@ -35,7 +35,7 @@ void expect_product(const Asset& asset, std::uint32_t channels, std::uint32_t ra
     for (std::size_t d = 0; d < 3; ++d) {
       double x = 0, scale = 0;
       for (std::size_t k = 0; k < rank; ++k) {
-        const double term = static_cast<double>(asset.basis[i * asset.rank + k]) * C[k * channels + d];
+        const double term = static_cast<double>(asset.entry(i, k)) * C[k * channels + d];
         x += term;
         scale += std::abs(term);
       }
@@ -76,14 +76,15 @@ TEST(Product, LevelsArePrefixesToTheBit) {
 
 // An asset whose later columns lie on a grid, as decoded assets' do.
 Asset grid_asset(std::uint32_t n, std::uint32_t r, std::uint32_t exact, double size = 9000, double largest = 32767) {
-  Asset asset = any_asset(n, r);
-  asset.exact_columns = exact;
+  Asset asset = any_asset(n, exact);
+  asset.rank = r;
   const auto integers = random_values(std::size_t{n} * r, 4);
-  for (std::uint32_t k = exact; k < r; ++k) {
+  for (std::uint32_t k = exact; k < r; ++k)
     asset.column_scales.push_back(k % 5 == 4 ? 0 : 1e-3F * static_cast<float>(k + 1));
-    for (std::size_t i = 0; i < n; ++i) {
+  for (std::size_t i = 0; i < n; ++i) {
+    for (std::uint32_t k = exact; k < r; ++k) {
       const double integer = i == k ? -largest : std::clamp(std::round(size * integers[i * r + k]), -largest, largest);
-      asset.basis[i * r + k] = static_cast<float>(integer) * asset.column_scales.back();
+      asset.integers.push_back(static_cast<std::int16_t>(k % 5 == 4 ? 0 : integer));
     }
   }
   return asset;
@@ -109,7 +110,7 @@ void expect_rebuilt(const Asset& asset, InstructionSet set, std::uint32_t rank, 
       for (std::size_t d = 0; d < 3; ++d) {
         double x = 0, scale = 0;
         for (std::size_t k = 0; k < rank; ++k) {
-          const double term = static_cast<double>(asset.basis[i * asset.rank + k]) * C[p][k * (3 + p % 2) + d];
+          const double term = static_cast<double>(asset.entry(i, k)) * C[p][k * (3 + p % 2) + d];
           x += term;
           scale += std::abs(term);
         }
@@ -151,15 +152,15 @@ TEST(Reconstructor, RoundedCoefficientsAddAtMostThreePercentError) {
   Asset asset;
   asset.vertex_count = asset.rows_ready = kRows;
   asset.rank = kRank;
-  asset.exact_columns = 4;
-  asset.basis.resize(std::size_t{kRows} * kRank);
   std::vector<double> C;
-  for (std::uint32_t k = 0; k < kRank; ++k) {
-    const float scale = 1e-4F * std::pow(static_cast<float>(k + 1), 1.2F);
-    if (k >= 4) asset.column_scales.push_back(scale);
-    for (std::size_t i = 0; i < kRows; ++i) {
-      const auto value = static_cast<float>(truth[i * kRank + k]);
-      asset.basis[i * kRank + k] = k < 4 ? value : static_cast<float>(std::lrint(value / scale)) * scale;
+  for (std::uint32_t k = 4; k < kRank; ++k)
+    asset.column_scales.push_back(1e-4F * std::pow(static_cast<float>(k + 1), 1.2F));
+  for (std::size_t i = 0; i < kRows * kRank; ++i) {
+    const auto value = static_cast<float>(truth[i]);
+    if (i % kRank < 4) {
+      asset.floats.push_back(value);
+    } else {
+      asset.integers.push_back(static_cast<std::int16_t>(std::lrint(value / asset.column_scales[i % kRank - 4])));
     }
   }
   const auto directions = random_values(std::size_t{kRank} * 3, 5);
@@ -178,7 +179,7 @@ TEST(Reconstructor, RoundedCoefficientsAddAtMostThreePercentError) {
       double exact = 0, on_grid = 0;
       for (std::size_t k = 0; k < kRank; ++k) {
         exact += double{static_cast<float>(truth[i / 3 * kRank + k])} * pose[3 * k + i % 3];
-        on_grid += double{asset.basis[i / 3 * kRank + k]} * pose[3 * k + i % 3];
+        on_grid += double{asset.entry(i / 3, k)} * pose[3 * k + i % 3];
       }
       of_basis += (on_grid - exact) * (on_grid - exact);
       of_all += (static_cast<double>(X[i]) - exact) * (static_cast<double>(X[i]) - exact);
@@ -252,7 +253,8 @@ TEST(Reconstructor, FollowsAnAssetThatArrives) {
   for (const std::uint32_t rows : {1U, 60U, 64U, 100U, 200U}) {
     Asset part = whole;
     part.rows_ready = rows;
-    part.basis.resize(std::size_t{rows} * 21);
+    part.floats.resize(std::size_t{rows} * 4);
+    part.integers.resize(std::size_t{rows} * 17);
     reconstructor.update(part);
     ASSERT_EQ(reconstructor.tiles().rows(), rows);
     std::vector<float> a(std::size_t{rows} * 3), b(std::size_t{rows} * 3);
@@ -267,18 +269,19 @@ TEST(Reconstructor, FollowsAnAssetThatArrives) {
   }
 }
 
-TEST(Reconstructor, KeepsFloatsForEntriesOffTheGrid) {
-  for (const float off : {0.3e-3F, 40.0F}) {  // between two integers; beyond 16 bits
-    Asset asset = grid_asset(200, 21, 4);
-    asset.column_scales[3] = 1e-3F;
-    for (std::size_t i = 0; i < 200; ++i) asset.basis[i * 21 + 7] = 0;
-    asset.basis[150 * 21 + 7] = off;
-    BasisTiles tiles;
-    tiles.update(asset, 100);
-    EXPECT_TRUE(tiles.has_integers());
-    tiles.update(asset);
-    EXPECT_FALSE(tiles.has_integers());
-    expect_rebuilt(asset, instruction_sets().back(), 21, 200, 1);
+TEST(Reconstructor, IntegersAreThoseOfTheAsset) {
+  const Asset asset = grid_asset(200, 21, 4);
+  BasisTiles tiles;
+  tiles.reserve(asset);
+  tiles.update(asset, 100);
+  tiles.update(asset);
+  const kernel::Tiles view = tiles.view(0, 21);
+  for (std::size_t i = 0; i < 200; ++i) {
+    const std::size_t tile = i / kernel::kTileRows, row = i % kernel::kTileRows;
+    for (std::size_t k = 4; k < 21; ++k) {
+      const std::size_t at = tile * kernel::kTileRows * view.integer_stride + kernel::offset_of_integer(row, k - 4);
+      ASSERT_EQ(view.integers[at], asset.integers[i * 17 + k - 4]);
+    }
   }
 }
 
@@ -356,7 +359,8 @@ TEST(Reconstructor, FollowsDetailThatArrivesAndEnds) {
   for (const std::uint32_t rows : {60U, 100U, 200U}) {
     Asset part = whole;
     part.rows_ready = rows;
-    part.basis.resize(std::size_t{rows} * 21);
+    part.floats.resize(std::size_t{rows} * 4);
+    part.integers.resize(std::size_t{rows} * 17);
     part.detail.along_x.resize(std::size_t{rows} * 21);
     part.detail.along_y.resize(std::size_t{rows} * 21);
     part.detail.offset.resize(rows);
@@ -391,7 +395,7 @@ TEST(Kernel, TransposedProductMatchesTheSum) {
         for (std::size_t d = 0; d < 3; ++d) {
           double expected = 0, scale = 0;
           for (std::size_t i = 0; i < 200; ++i) {
-            const double term = double{asset.basis[i * 19 + k]} * double{static_cast<float>(values[3 * i + d])};
+            const double term = double{asset.entry(i, k)} * double{static_cast<float>(values[3 * i + d])};
             expected += term;
             scale += std::abs(term);
           }

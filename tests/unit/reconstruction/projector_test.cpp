@@ -19,7 +19,7 @@ std::vector<double> source_positions(const Asset& asset, const std::vector<doubl
   for (std::size_t i = 0; i < asset.vertex_count; ++i) {
     for (std::size_t d = 0; d < 3; ++d) {
       double x = asset.origin[d];
-      for (std::size_t k = 0; k < asset.rank; ++k) x += double{asset.basis[i * asset.rank + k]} * C[3 * k + d];
+      for (std::size_t k = 0; k < asset.rank; ++k) x += double{asset.entry(i, k)} * C[3 * k + d];
       positions[3 * asset.source_vertex[i] + d] = x;
     }
   }
@@ -74,7 +74,7 @@ TEST(Projector, ToleratesBasisQuantisation) {
     for (std::size_t k = 0; k < 50; ++k) {
       for (std::size_t d = 0; d < 3; ++d) {
         plain[3 * k + d] +=
-            double{asset.basis[i * 50 + k]} * double{asset.mass[i]} * positions[3 * asset.source_vertex[i] + d];
+            double{asset.entry(i, k)} * double{asset.mass[i]} * positions[3 * asset.source_vertex[i] + d];
       }
     }
   }
@@ -92,7 +92,7 @@ TEST(Projector, ResidualIsOrthogonalToTheBasis) {
       double inner = 0;
       for (std::size_t i = 0; i < 400; ++i) {
         const std::size_t at = 3 * asset.source_vertex[i] + d;
-        inner += double{asset.basis[i * 30 + k]} * std::sqrt(double{asset.mass[i]}) * (positions[at] - rebuilt[at]);
+        inner += double{asset.entry(i, k)} * std::sqrt(double{asset.mass[i]}) * (positions[at] - rebuilt[at]);
       }
       EXPECT_NEAR(inner, 0, 2e-5);
     }
@@ -110,7 +110,7 @@ TEST(Projector, IsExactOnAffineImages) {
   for (std::size_t i = 0; i < n; ++i) {
     for (std::size_t d = 0; d < 3; ++d) {
       const double x = rest[3 * asset.source_vertex[i] + d];
-      asset.basis[i * r + 1 + d] = static_cast<float>(x);
+      asset.floats[i * r + 1 + d] = static_cast<float>(x);
       scale = std::max(scale, std::abs(static_cast<double>(static_cast<float>(x))));
     }
   }
@@ -120,7 +120,7 @@ TEST(Projector, IsExactOnAffineImages) {
     const std::size_t at = 3 * asset.source_vertex[i];
     for (std::size_t d = 0; d < 3; ++d) {
       image[at + d] = A[d][3];
-      for (std::size_t e = 0; e < 3; ++e) image[at + d] += A[d][e] * double{asset.basis[i * r + 1 + e]};
+      for (std::size_t e = 0; e < 3; ++e) image[at + d] += A[d][e] * double{asset.entry(i, 1 + e)};
     }
   }
   const auto C = projector_of(asset).coefficients_from_positions(image);
@@ -185,7 +185,7 @@ TEST(Projector, RefusesWrongSizes) {
 
 TEST(Projector, RefusesDependentColumns) {
   Asset asset = random_asset(60, 6);
-  for (std::size_t i = 0; i < 60; ++i) asset.basis[i * 6 + 4] = asset.basis[i * 6 + 2];
+  for (std::size_t i = 0; i < 60; ++i) asset.floats[i * 6 + 4] = asset.floats[i * 6 + 2];
   const auto projector = Projector::create(asset);
   ASSERT_FALSE(projector);
   EXPECT_EQ(projector.error().code, ErrorCode::kNumerical);

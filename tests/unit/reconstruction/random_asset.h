@@ -38,12 +38,12 @@ inline Asset random_asset(std::uint32_t n, std::uint32_t r, double noise = 0, un
       for (double& value : column) value /= std::sqrt(norm);
     }
   }
-  asset.basis.resize(std::size_t{n} * r);
+  asset.floats.resize(std::size_t{n} * r);
   for (std::uint32_t k = 0; k < r; ++k) {
     double largest = 0;
     for (const double value : columns[k]) largest = std::max(largest, std::abs(value));
     for (std::uint32_t i = 0; i < n; ++i) {
-      asset.basis[std::size_t{i} * r + k] =
+      asset.floats[std::size_t{i} * r + k] =
           static_cast<float>(columns[k][i] + noise * largest * (2 * uniform(random) - 1));
     }
   }

@@ -226,7 +226,8 @@ TEST(BakeCache, SecondBakeComesFromTheCache) {
   ASSERT_TRUE(second);
   EXPECT_TRUE(second->from_cache);
   EXPECT_EQ(second->encoded.manifest.id, first->encoded.manifest.id);
-  EXPECT_EQ(second->asset.basis, first->asset.basis);
+  EXPECT_EQ(second->asset.floats, first->asset.floats);
+  EXPECT_EQ(second->asset.integers, first->asset.integers);
   EXPECT_EQ(second->report, first->report);
   EXPECT_EQ(second->residual, first->residual);
   EXPECT_TRUE(second->certified);

@@ -31,8 +31,7 @@ std::vector<Vec3> rebuild(const Asset& asset, const std::vector<double>& C) {
   for (std::size_t row = 0; row < asset.vertex_count; ++row) {
     Vec3 p = asset.origin;
     for (std::size_t k = 0; k < asset.rank; ++k) {
-      for (std::size_t axis = 0; axis < 3; ++axis)
-        p[axis] += double{asset.basis[row * asset.rank + k]} * C[3 * k + axis];
+      for (std::size_t axis = 0; axis < 3; ++axis) p[axis] += double{asset.entry(row, k)} * C[3 * k + axis];
     }
     positions[asset.source_vertex[row]] = p;
   }
@@ -121,7 +120,8 @@ TEST(Bake, AssetEqualsItsDecodedBytes) {
   ASSERT_TRUE(result);
   const auto decoded = decode_asset(result->encoded);
   ASSERT_TRUE(decoded);
-  EXPECT_EQ(decoded->basis, result->asset.basis);
+  EXPECT_EQ(decoded->floats, result->asset.floats);
+  EXPECT_EQ(decoded->integers, result->asset.integers);
   EXPECT_EQ(decoded->rest, result->asset.rest);
   EXPECT_EQ(result->encoded.manifest.id, sha256(result->encoded.manifest.bytes));
 }

@@ -174,7 +174,8 @@ TEST(Stream, RawFloat64IsDeliveredExactlyAndInOrder) {
   }
   ASSERT_TRUE(eventually([&] { return (void)subscriber->poll(milliseconds(5)), subscriber->asset()->complete(); }));
   EXPECT_EQ(subscriber->asset()->rest, model(40).asset->rest);
-  EXPECT_EQ(subscriber->asset()->basis, model(40).asset->basis);
+  EXPECT_EQ(subscriber->asset()->floats, model(40).asset->floats);
+  EXPECT_EQ(subscriber->asset()->integers, model(40).asset->integers);
   const auto stats = subscriber->stats();
   EXPECT_EQ(stats.state, Subscriber::State::kLive);
   EXPECT_EQ(stats.missed, 0u);

@@ -72,7 +72,7 @@ inline Asset sphere_asset(int subdivisions, bool as_points = false) {
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
     const double length = std::sqrt(v[i][0] * v[i][0] + v[i][1] * v[i][1] + v[i][2] * v[i][2]);
     const double x = v[i][0] / length, y = v[i][1] / length, z = v[i][2] / length;
-    for (const double value : {1.0, x, y, z, x * y, y * y - 1.0 / 3}) asset.basis.push_back(static_cast<float>(value));
+    for (const double value : {1.0, x, y, z, x * y, y * y - 1.0 / 3}) asset.floats.push_back(static_cast<float>(value));
     asset.mass.push_back(static_cast<float>(asset.area / asset.vertex_count));
     asset.source_vertex.push_back(i);
   }

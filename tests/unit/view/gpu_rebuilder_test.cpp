@@ -142,8 +142,7 @@ class GpuRebuilders : public testing::OffscreenPictures {
       const std::uint32_t from = i < morph.whole() ? i : asset.map[i];
       for (std::size_t d = 0; d < 3; ++d) {
         for (std::uint32_t k = 0; k < rank; ++k)
-          magnitudes[i][d] +=
-              std::abs(static_cast<double>(asset.basis[std::size_t{i} * asset.rank + k]) * C[3 * k + d]);
+          magnitudes[i][d] += std::abs(static_cast<double>(asset.entry(i, k)) * C[3 * k + d]);
         roundings_[i][d] = std::max(roundings_[i][d], now[d]);
         // A vertex on its way has its share of what the one has moved that it comes from, and holds that one's terms,
         // too.

@@ -79,7 +79,7 @@ Asset textured_sphere(int subdivisions, Bytes image) {
   }
   for (const auto& face : asset.faces) {
     float z = 0;
-    for (const std::uint32_t v : face) z += asset.basis[std::size_t{v} * asset.rank + 3];
+    for (const std::uint32_t v : face) z += asset.entry(v, 3);
     const std::uint32_t side = z < 0 ? 0 : 1;
     t.corners.push_back({2 * face[0] + side, 2 * face[1] + side, 2 * face[2] + side});
   }
