@@ -22,7 +22,8 @@ void FrameDecoder::set_stream(const control::StreamInfo& info) {
   stream_id_ = info.stream_id;
   epoch_ = info.epoch;
   layout_ = layout;
-  scalars_ = info.format.scalars;
+  scales_.clear();
+  for (const ScalarChannel& scalar : info.format.scalars) scales_.push_back(scalar.scale);
   velocities_ = {info.format.velocity_channels, info.format.velocity_us};
   scheme_ = info.profile.scheme;
 }
@@ -30,7 +31,7 @@ void FrameDecoder::set_stream(const control::StreamInfo& info) {
 std::vector<double> FrameDecoder::coefficients(const Key& key) const {
   std::vector<double> C = coefficients_from_key(layout_, key);
   for (std::size_t row = 0; row < layout_.rows; ++row)
-    for (std::size_t k = 0; k < scalars_.size(); ++k) C[row * layout_.channels + 3 + k] /= scalars_[k].scale;
+    for (std::size_t k = 0; k < scales_.size(); ++k) C[row * layout_.channels + 3 + k] /= scales_[k];
   return C;
 }
 

@@ -47,7 +47,7 @@ class FrameDecoder {
 
   CoefficientLayout layout_;
   VelocityChannels velocities_;
-  std::vector<ScalarChannel> scalars_;
+  std::vector<double> scales_;                         ///< Of the channels from the fourth on.
   Profile::Scheme scheme_ = Profile::Scheme::kLinear;  ///< Belongs to the profile that the stream comes in.
   std::uint32_t stream_id_ = 0;
   std::uint32_t epoch_ = 0;

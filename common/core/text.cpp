@@ -2,7 +2,9 @@
 #include "common/core/text.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <charconv>
 #include <cstdarg>
 #include <cstdio>
 #include <random>
@@ -54,7 +56,13 @@ std::string escaped(std::string_view text) {
     if (length < wanted) length = 1, code = lead;
     const bool turns = (code >= 0x2028 && code <= 0x202E) || (code >= 0x2066 && code <= 0x2069);
     const bool plain = (code >= 0x20 && code < 0x7F) || (code >= 0xA0 && length > 1 && !turns);
-    out += plain ? std::string(text.substr(0, length)) : formatted("\\u%04x", code);
+    if (plain) {
+      out += text.substr(0, length);
+    } else {
+      std::array<char, 8> hex{};
+      const std::string_view digits(hex.data(), std::to_chars(hex.data(), hex.data() + hex.size(), code, 16).ptr);
+      (out += "\\u").append(digits.size() < 4 ? 4 - digits.size() : 0, '0') += digits;
+    }
     text.remove_prefix(length);
   }
   return out;

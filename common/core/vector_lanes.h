@@ -13,6 +13,8 @@
 #include <immintrin.h>
 #elif defined(__ARM_NEON)
 #include <arm_neon.h>
+#elif defined(__wasm_simd128__)
+#include <wasm_simd128.h>
 #endif
 
 // Running sums stay in registers only if the short loops over them are unrolled.
@@ -56,7 +58,7 @@ inline void store(const Vector& from, Value* to) {
 /// Has a vector stay in its register from here on: compilers else read it again from memory for each of its uses, where
 /// a processor that can read one wide vector a cycle could as well multiply.
 template <typename Vector>
-[[gnu::always_inline]] inline void hold(Vector& vector) {
+[[gnu::always_inline]] inline void hold([[maybe_unused]] Vector& vector) {
 #if defined(__AVX512F__)
   asm("" : "+v"(vector));
 #elif defined(__x86_64__)
@@ -89,6 +91,8 @@ inline Words add_products_of_halves(const Words& sums, const Words& a, const Wor
 #elif defined(__ARM_NEON)
   const int32x4_t low = vmlal_s16(sums, vmovn_s32(a), vmovn_s32(b));
   return vmlal_s16(low, vshrn_n_s32(a, 16), vshrn_n_s32(b, 16));
+#elif defined(__wasm_simd128__)
+  return sums + reinterpret_cast<Words>(wasm_i32x4_dot_i16x8(reinterpret_cast<v128_t>(a), reinterpret_cast<v128_t>(b)));
 #else
   return sums + ((a << 16) >> 16) * ((b << 16) >> 16) + (a >> 16) * (b >> 16);
 #endif

@@ -17,6 +17,13 @@ std::uint32_t clamped(double n, const ObjectView& object) {
   return static_cast<std::uint32_t>(std::clamp(n, static_cast<double>(object.min), static_cast<double>(object.max)));
 }
 
+/// The value of that rank, from 0. REQUIRES: rank < values.size().
+double ranked(std::vector<double> values, std::size_t rank) {
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(rank);
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
 }  // namespace
 
 double PaperResolver::level(double scaled, double kappa) {
@@ -71,8 +78,17 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
     turns.push_back(objects[i].min / share[i]);
     turns.push_back(objects[i].max / share[i]);
   }
-  std::sort(turns.begin(), turns.end());
-  const auto above = std::partition_point(turns.begin(), turns.end(), [&](double t) { return cost_at(t) <= budget; });
+  // They are sorted as far as the search needs.
+  auto above = turns.begin();
+  for (auto end = turns.end(); above != end;) {
+    const auto middle = above + (end - above) / 2;
+    std::nth_element(above, middle, end);
+    if (cost_at(*middle) <= budget) {
+      above = middle + 1;
+    } else {
+      end = middle;
+    }
+  }
   double scale = turns.back();
   if (above != turns.end()) {
     const double low = above == turns.begin() ? 0 : *std::prev(above);
@@ -86,10 +102,7 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
 }
 
 double DriftingValue::deviation() const {
-  std::vector<double> sorted(distances_.begin(), distances_.end());
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  return 1.4826 * *middle;  // of normal noise
+  return 1.4826 * ranked(distances_, distances_.size() / 2);  // of normal noise
 }
 
 void DriftingValue::add(double measured, double far) {
@@ -105,22 +118,17 @@ void DriftingValue::add(double measured, double far) {
   }
   far_before_ = is_far ? distance : 0;
   distances_.push_back(std::abs(distance));
-  if (distances_.size() > kWindow) distances_.pop_front();
+  if (distances_.size() > kWindow) distances_.erase(distances_.begin());
 }
 
 void PlanMargin::add(double ratio) {
   ratios_.push_back(ratio);
-  if (ratios_.size() > kWindow) ratios_.pop_front();
+  if (ratios_.size() > kWindow) ratios_.erase(ratios_.begin());
 }
 
 double PlanMargin::fill() const {
   double late = 1.05;
-  if (ratios_.size() >= kMinFrames) {
-    std::vector<double> sorted(ratios_.begin(), ratios_.end());
-    const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 19 / 20);
-    std::nth_element(sorted.begin(), at, sorted.end());
-    late = *at;
-  }
+  if (ratios_.size() >= kMinFrames) late = ranked(ratios_, ratios_.size() * 19 / 20);
   return std::clamp(kEdge * deadline_ / late, kMin, 1.0);
 }
 
@@ -131,7 +139,7 @@ void BudgetResolver::learn(double seconds) {
   constexpr std::size_t kFirst = 8;  // predict nothing
   if (samples_.size() >= kFirst) margin_.add(seconds / (fixed_ + slope_ * drawn_));
   samples_.push_back({drawn_, seconds});
-  if (samples_.size() > kWindow) samples_.pop_front();
+  if (samples_.size() > kWindow) samples_.erase(samples_.begin());
 
   double mean_v = 0, mean_t = 0;
   for (const Sample& s : samples_) mean_v += s.vertices, mean_t += s.seconds;
@@ -149,8 +157,7 @@ void BudgetResolver::learn(double seconds) {
   // page fault, another program) must not move the level.
   std::vector<double> newest;
   for (auto s = samples_.rbegin(); s != samples_.rend() && newest.size() < 3; ++s) newest.push_back(s->seconds);
-  std::sort(newest.begin(), newest.end());
-  const double per_vertex = newest[newest.size() / 2] / std::max(drawn_, 1.0);
+  const double per_vertex = ranked(newest, newest.size() / 2) / std::max(drawn_, 1.0);
   slope_ = std::clamp(slope_, 0.02 * per_vertex, per_vertex);
   rest_.add(seconds - slope_ * drawn_, 0.25 * seconds);
   fixed_ = std::max(0.0, rest_.value());

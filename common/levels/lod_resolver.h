@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <span>
 #include <vector>
@@ -91,8 +90,8 @@ class DriftingValue {
 
   std::optional<double> value_;
   double last_ = 0;
-  double far_before_ = 0;         ///< Distance of the last one, if an outlier.
-  std::deque<double> distances_;  ///< Between measurements and value.
+  double far_before_ = 0;          ///< Distance of the last one, if an outlier.
+  std::vector<double> distances_;  ///< Between measurements and value.
 };
 
 /// The part of a frame's time to plan for, so that 19 of 20 frames meet the deadline.
@@ -110,7 +109,7 @@ class PlanMargin {
 
  private:
   double deadline_;
-  std::deque<double> ratios_;
+  std::vector<double> ratios_;
 };
 
 /// Keeps each frame's work within its time, and spends that time where it is seen.
@@ -163,7 +162,7 @@ class BudgetResolver final : public LodResolver {
   double drawn_ = 0;          ///< V of the last frame.
   bool within_reach_ = true;  ///< Fewer vertices can hold the rate.
   int frames_against_ = 0;    ///< In a row, against within_reach_.
-  std::deque<Sample> samples_;
+  std::vector<Sample> samples_;
   PlanMargin margin_;
 };
 

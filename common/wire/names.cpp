@@ -6,6 +6,7 @@
 
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
+#include "common/wire/sizes.h"
 
 namespace eigencast {
 namespace {
@@ -102,7 +103,7 @@ Result<void> check_stream_name(std::string_view name) {
   return {};
 }
 
-Result<void> check_format(const StreamFormat& format) {
+Result<void> check_sizes(const StreamFormat& format) {
   const auto refuse = [](std::string_view field, std::uint64_t value, std::string_view allowed) {
     return invalid("format." + std::string(field) + " is " + std::to_string(value) +
                    "; allowed: " + std::string(allowed));
@@ -132,14 +133,21 @@ Result<void> check_format(const StreamFormat& format) {
   const std::size_t scalars = format.scalars.size();
   if (scalars > 0 && 3 + scalars + format.velocity_channels != format.channels)
     return refuse("scalars", scalars, "as many entries as channels between positions and velocities, or none");
+  for (const ScalarChannel& s : format.scalars) {
+    if (!(s.scale > 0 && s.low <= s.high && std::max({-s.low, s.high, s.scale, 1 / s.scale}) <= limits::kMaxScalar))
+      return invalid("format.scalars: a range or scale is out of range");
+  }
+  return {};
+}
+
+Result<void> check_format(const StreamFormat& format) {
+  if (auto good = check_sizes(format); !good) return good;
   std::set<std::string_view> names;
   for (const auto& [name, unit, low, high, scale] : format.scalars) {
     const bool named = check_stream_name(name) && name.find('/') == name.npos && name.size() <= 64;
     if (!named || !names.insert(name).second || unit.size() > 16 || escaped(unit) != unit)
       return invalid("format.scalars has '" + escaped(name.substr(0, 64)) + "' in '" + escaped(unit.substr(0, 16)) +
                      "'; allowed: different names of 1 to 64 of A-Z a-z 0-9 . _ -, units of at most 16 bytes");
-    if (!(scale > 0 && low <= high && std::max({-low, high, scale, 1 / scale}) <= limits::kMaxScalar))
-      return invalid("format.scalars: range or scale of '" + name + "' is out of range");
   }
   return {};
 }
