@@ -64,6 +64,9 @@ ROOMS = {
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/asset", "common/reconstruction",
                       "common/net", "sdk", "common/surface/shapes"},
     "tools/compare": {"common/core", "common/surface", "common/asset", "sender"},
+    # What the browser's viewer shares with the native ones, compiled for WebAssembly.
+    "web/core": {"common/core", "common/core/hash", "common/wire", "common/motion", "common/levels", "common/asset/format",
+                 "common/asset/tiles", "common/reconstruction", "sdk"},
     "examples": set(),
 }
 
@@ -117,7 +120,7 @@ def room_of(path):
 
 def read_tree(root):
     """The text of every source by its path."""
-    tops = ("common", "broker", "sender", "view", "client", "sdk", "tools", "examples")
+    tops = ("common", "broker", "sender", "view", "client", "sdk", "tools", "web/core", "examples")
     return {source.relative_to(root).as_posix(): source.read_text(encoding="utf-8")
             for top in tops for source in sorted((root / top).rglob("*")) if source.suffix in SOURCES}
 

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include "common/levels/lod_resolver.h"
+#include "web/core/core.h"
+#include "web/core/error.h"
+
+using namespace eigencast;
+
+struct core_levels {
+  BudgetResolver resolver;
+  std::vector<ObjectView> objects;
+  std::vector<std::uint32_t> resolved;
+};
+
+namespace {
+
+constexpr std::uint32_t kMaxObjects = 4096;
+
+bool is_usable(const core_object& object) {
+  return std::isfinite(object.distance) && std::isfinite(object.pixels) && std::isfinite(object.vertex_cost) &&
+         object.distance >= 0 && object.pixels >= 0 && object.vertex_cost > 0 && object.min <= object.max;
+}
+
+}  // namespace
+
+core_levels* levels_make(double pictures_per_second, double deadline) {
+  if (!(pictures_per_second >= 1 && pictures_per_second <= 1000 && deadline > 0 && deadline <= 10))
+    return web::no(fail(ErrorCode::kInvalidArgument, "a rate is 1 to 1000 pictures a second, a deadline up to 10"));
+  BudgetResolver::Settings settings;
+  settings.f0 = pictures_per_second;
+  settings.deadline = deadline;
+  return new core_levels{BudgetResolver(settings), {}, {}};
+}
+
+void levels_free(core_levels* levels) {
+  delete levels;
+}
+
+const uint32_t* levels_resolve(core_levels* levels, const core_object* objects, uint32_t count, int64_t now_us,
+                               double seconds) {
+  if (count > kMaxObjects || !std::all_of(objects, objects + count, is_usable))
+    return web::no(fail(ErrorCode::kInvalidArgument, "levels: too many objects, or one that is out of range"));
+  levels->objects.clear();
+  for (const core_object* o = objects; o != objects + count; ++o)
+    levels->objects.push_back({o->max, o->min, o->distance, o->pixels, o->vertex_cost, o->drawn});
+  levels->resolved = levels->resolver.resolve(levels->objects, FrameWork{now_us, seconds});
+  levels->resolved.resize(std::max<std::size_t>(levels->resolved.size(), 1));  // Never null, even for no objects.
+  return levels->resolved.data();
+}
+
+double levels_state(const core_levels* levels) {
+  return levels->resolver.state();
+}

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "common/reconstruction/level_triangles.h"
+#include "common/reconstruction/reconstruct.h"
+#include "web/core/asset.h"
+#include "web/core/error.h"
+
+using namespace eigencast;
+
+struct core_surface {
+  std::uint64_t asset = 0;  ///< The number of the one that it follows.
+  Reconstructor reconstructor;
+  LevelTriangles levels;
+  std::vector<std::uint32_t> triangles;
+  std::vector<float> positions, normals, radii;
+  /// Where the image has seams a vertex is drawn once for each of its wedges.
+  struct {
+    bool are_drawn = false;
+    std::uint32_t version = 0;  ///< Of the triangles that they follow.
+    std::vector<std::uint32_t> triangles;
+    std::vector<float> positions, normals, uvs;
+  } wedges;
+  core_geometry geometry{};
+
+  void update(const Asset& from) {
+    reconstructor.update(from);
+    levels.update(from, triangles);
+    geometry.triangles_version += 1;
+    radii.clear();
+  }
+  void set_level(const Asset& from, std::uint32_t N);
+  void make_normals(const Asset& from);
+  void make_wedges(const AssetTexture& texture, std::uint32_t N);
+};
+
+void core_surface::set_level(const Asset& from, std::uint32_t N) {
+  const std::uint64_t before = levels.version();
+  levels.set_level(N, triangles);
+  if (levels.version() != before) ++geometry.triangles_version;
+  if (!from.is_point_cloud() || from.splats.size() < N || radii.size() == N) return;
+  radii.resize(N);
+  splat_radii(from, N, radii);
+  ++geometry.triangles_version;
+}
+
+/// Those of detail come with the positions.
+void core_surface::make_normals(const Asset& from) {
+  if (reconstructor.has_detail()) return normalise(normals);
+  if (from.is_point_cloud()) return splat_normals(from, positions, normals);
+  vertex_normals(positions, triangles, normals);
+}
+
+void core_surface::make_wedges(const AssetTexture& texture, std::uint32_t N) {
+  const std::uint32_t end = texture.first_wedge[N];
+  if (std::exchange(wedges.version, geometry.triangles_version) != geometry.triangles_version) {
+    wedges.triangles.resize(std::min(triangles.size(), 3 * texture.corners.size()));
+    for (std::size_t i = 0; i < wedges.triangles.size(); ++i) {
+      std::uint32_t wedge = texture.corners[i / 3][i % 3];
+      while (wedge >= end) wedge = texture.parent[wedge];
+      wedges.triangles[i] = wedge;
+    }
+    wedges.uvs.assign(std::size_t{2} * end, -std::numeric_limits<float>::max());
+    for (std::uint32_t w = 0; w < end; ++w) {
+      if (texture.uvs[w] == AssetTexture::kNone) continue;
+      const std::array<float, 2> uv = texture.uv(w);
+      std::copy(uv.begin(), uv.end(), &wedges.uvs[std::size_t{2} * w]);
+    }
+  }
+  wedges.positions.resize(std::size_t{3} * end);
+  wedges.normals.resize(std::size_t{3} * end);
+  for (std::size_t v = 0, w = 0; v < N; ++v) {
+    for (; w < texture.first_wedge[v + 1]; ++w) {
+      std::copy_n(&positions[3 * v], 3, &wedges.positions[3 * w]);
+      std::copy_n(&normals[3 * v], 3, &wedges.normals[3 * w]);
+    }
+  }
+}
+
+core_surface* surface_make() {
+  return new core_surface;
+}
+
+void surface_free(core_surface* surface) {
+  delete surface;
+}
+
+int32_t surface_update(core_surface* surface, const core_asset* asset) {
+  if (surface->asset != asset->number) {
+    surface->reconstructor.reset();
+    surface->levels.forget();
+    surface->triangles.clear();
+    surface->reconstructor.reserve(asset->reader.asset());
+    surface->asset = asset->number;
+  }
+  const Asset& from = asset->reader.asset();
+  if (from.rows_ready < from.base_count)
+    return web::failed(fail(ErrorCode::kNotFound, "nothing of the surface has arrived yet"));
+  surface->update(from);
+  return 0;
+}
+
+const core_geometry* surface_rebuild(core_surface* surface, const core_asset* asset, const double* coefficients,
+                                     uint32_t count, uint32_t channels, uint32_t rank_used, uint32_t level,
+                                     uint32_t is_textured) {
+  const Asset& from = asset->reader.asset();
+  const std::uint32_t ready = surface->reconstructor.tiles().rows();
+  if (surface->asset != asset->number || ready < from.base_count || ready == 0)
+    return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or none"));
+  if (channels < 3 || count != std::uint64_t{from.rank} * channels)
+    return web::no(fail(ErrorCode::kInvalidArgument, "the pose has another size than the surface"));
+  const std::uint32_t N = std::clamp(level, from.base_count, ready);
+  surface->set_level(from, N);
+  surface->positions.resize(std::size_t{3} * N);
+  surface->normals.resize(surface->positions.size());
+  PoseToRebuild pose{{coefficients, count}, channels, surface->positions, {}};
+  if (surface->reconstructor.has_detail()) pose.normals = surface->normals;
+  surface->reconstructor.rebuild({&pose, 1}, rank_used == 0 ? from.rank : std::min(rank_used, from.rank), N);
+  surface->make_normals(from);
+  core_geometry& geometry = surface->geometry;
+  const AssetTexture* texture = is_textured != 0 ? from.texture.get() : nullptr;
+  const bool had_wedges = std::exchange(surface->wedges.are_drawn, texture != nullptr);
+  if (had_wedges != (texture != nullptr)) ++geometry.triangles_version;
+  const bool has_normals = !from.is_point_cloud() || from.splats.size() >= N || surface->reconstructor.has_detail();
+  geometry.positions = surface->positions.data();
+  geometry.normals = has_normals ? surface->normals.data() : nullptr;
+  geometry.radii = surface->radii.size() == N ? surface->radii.data() : nullptr;
+  geometry.triangles = surface->triangles.data();
+  geometry.vertices = N;
+  geometry.indices = static_cast<std::uint32_t>(surface->triangles.size());
+  geometry.level = N;
+  geometry.uvs = nullptr;
+  if (texture == nullptr) return &geometry;
+  surface->make_wedges(*texture, N);
+  geometry.positions = surface->wedges.positions.data();
+  geometry.normals = surface->wedges.normals.data();
+  geometry.triangles = surface->wedges.triangles.data();
+  geometry.uvs = surface->wedges.uvs.data();
+  geometry.vertices = texture->first_wedge[N];
+  geometry.indices = static_cast<std::uint32_t>(surface->wedges.triangles.size());
+  return &geometry;
+}
