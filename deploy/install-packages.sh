@@ -74,3 +74,10 @@ if ! cmp -s "$lock" "$modules/package-lock.json" || [ ! -d "$modules/node_module
     echo "install-packages: npm cannot fetch the modules of $lock; tests that need them will be skipped" >&2
   }
 fi
+if ! cmp -s web/package-lock.json web/node_modules/.installed; then
+  if (cd web && npm ci --silent --no-audit --no-fund --ignore-scripts) >/dev/null 2>&1; then
+    cp web/package-lock.json web/node_modules/.installed
+  else
+    echo "install-packages: npm cannot fetch the modules of web/package-lock.json; the page is left out" >&2
+  fi
+fi

@@ -14,7 +14,7 @@ import sys
 ROOT = pathlib.Path(sys.argv[1]).resolve()
 WIDTH = 120
 # Folders whose own folders architecture.md need not name.
-WHOLE = ("tests/unit", "tests/cluster", "tests/fuzz", "tests/golden", "tests/install", "deploy/debian", "sdk/include", "sdk/python", ".ci", ".github")
+WHOLE = ("web/src", "web/test", "tests/unit", "tests/cluster", "tests/fuzz", "tests/golden", "tests/install", "deploy/debian", "sdk/include", "sdk/python", ".ci", ".github")
 
 
 def tracked():

@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: MIT
+import { SCHEMES } from '../core/frames.js';
+import { Core, EigencastError } from '../core/module.js';
+import type { StreamInfo } from './control.js';
+import { surroundings, type Environment } from './environment.js';
+import { Events } from './events.js';
+import type { Profile } from './profile.js';
+import type { Rebuild, Rebuilt, ToPage, ToWorker } from './protocol.js';
+import { remark } from './refusal.js';
+import type { Pose, Status, Surface } from './subscription.js';
+import { brokerUrl, checkedName, endpoint, streamUrl, type BrokerUrl } from './url.js';
+
+export interface ConnectOptions {
+  /** Presented to the broker; else that of the URL's access_token. */
+  token?: string;
+  /** eigencast-core.wasm: its URL, its bytes, or compiled. Default: beside this file. */
+  core?: string | URL | BufferSource | WebAssembly.Module;
+  /** The worker that does the work, or false: this thread does. Default: worker.js beside this file. */
+  worker?: Worker | URL | string | false;
+  environment?: Partial<Environment>;
+}
+export interface WatchOptions {
+  profile?: Profile;
+  /** What the surface may take in memory (default: 512 MiB); larger ones are refused. */
+  maxBytes?: number;
+  /** The first, coarse part of the surface is enough, as for a small picture. */
+  isPreview?: boolean;
+  /** How long until a broker that declined the stream is asked again (default: 5,000). */
+  declinedRetryMs?: number;
+}
+/** An announced stream, as GET /v1/streams lists it. */
+export interface ListedStream {
+  stream: string;
+  state: 'waiting' | 'live' | 'stalled';
+  asset: string;
+  epoch: number;
+  keyRateHz: number;
+  subscribers: number;
+}
+export interface StreamEvents {
+  /** State or detail changed. */
+  status: Status;
+  info: StreamInfo;
+  /** The surface can be drawn, or has grown. */
+  surface: Surface;
+  /** Of the surface: a PNG or JPEG, once it is whole. */
+  image: Uint8Array;
+  pose: Pose;
+  /** What cannot be put right by waiting, such as watching a stream twice. */
+  error: EigencastError;
+}
+
+const MAX_BYTES = 512 * 2 ** 20;
+const MAX_LISTED = 100_000;
+
+/** A stream that is watched until close(). */
+export class Stream extends Events<StreamEvents> {
+  /** The last of each that came. */
+  status: Status | undefined;
+  info: StreamInfo | undefined;
+  surface: Surface | undefined;
+  image: Uint8Array | undefined;
+  pose: Pose | undefined;
+  readonly #post: (message: ToWorker, transfer?: Transferable[]) => void;
+  readonly #closed: () => void;
+  readonly #waiting = new Map<number, { resolve: (rebuilt: Rebuilt) => void; reject: (error: Error) => void }>();
+  #requests = 0;
+
+  constructor(readonly name: string, readonly key: number, post: (message: ToWorker, transfer?: Transferable[]) => void, closed: () => void) {
+    super();
+    this.#post = post;
+    this.#closed = closed;
+  }
+  /** Asks for another profile. */
+  setProfile(profile: Profile): void {
+    this.#post({ op: 'profile', key: this.key, profile });
+  }
+  /** For pages that nobody sees: no poses come, the connection stays, and resume() takes one message. */
+  pause(): void {
+    this.#post({ op: 'pause', key: this.key, isPaused: true });
+  }
+  resume(): void {
+    this.#post({ op: 'pause', key: this.key, isPaused: false });
+  }
+  /** Positions, normals and triangles of a pose. Rejects where nothing of the surface has arrived yet. */
+  rebuild(rebuild: Rebuild): Promise<Rebuilt> {
+    const request = ++this.#requests;
+    const room = [rebuild.room?.positions, rebuild.room?.normals].filter((buffer) => buffer !== undefined);
+    return new Promise((resolve, reject) => {
+      this.#waiting.set(request, { resolve, reject });
+      this.#post({ op: 'rebuild', key: this.key, request, rebuild }, room);
+    });
+  }
+  close(): void {
+    this.#post({ op: 'leave', key: this.key });
+    for (const { reject } of this.#waiting.values()) reject(new EigencastError('cancelled', 'the stream was closed'));
+    this.#waiting.clear();
+    this.#closed();
+  }
+
+  /** What its session has to say. Not for users. */
+  receive(message: ToPage): void {
+    switch (message.op) {
+      case 'status':
+        return this.emit('status', (this.status = message.status));
+      case 'info':
+        return this.emit('info', (this.info = message.info));
+      case 'surface':
+        if (message.surface.asset !== this.surface?.asset) this.image = undefined;
+        return this.emit('surface', (this.surface = message.surface));
+      case 'image':
+        return this.emit('image', (this.image = message.image));
+      case 'pose':
+        return this.emit('pose', (this.pose = message.pose));
+      case 'rebuilt':
+        this.#waiting.get(message.request)?.resolve(message.rebuilt);
+        return void this.#waiting.delete(message.request);
+      case 'failed': {
+        const error = new EigencastError(message.code, message.message);
+        if (message.request === undefined) return this.emit('error', error);
+        this.#waiting.get(message.request)?.reject(error);
+        this.#waiting.delete(message.request);
+      }
+    }
+  }
+}
+
+/** A broker, and one connection to it for all streams that are watched. */
+export class Broker {
+  readonly #url: BrokerUrl;
+  /** The core, compiled: for a Stage. */
+  readonly module: WebAssembly.Module;
+  readonly #environment: Environment;
+  readonly #post: (message: ToWorker, transfer?: Transferable[]) => void;
+  readonly #ended: () => void;
+  readonly #streams = new Map<number, Stream>();
+  #keys = 0;
+
+  private constructor(
+    url: BrokerUrl, module: WebAssembly.Module, environment: Environment, post: (message: ToWorker, transfer?: Transferable[]) => void, ended: () => void,
+  ) {
+    this.#url = url;
+    this.module = module;
+    this.#environment = environment;
+    this.#post = post;
+    this.#ended = ended;
+  }
+
+  /** Throws EigencastError (invalid-argument) for a URL that cannot be meant; a broker that is away is tried again. */
+  static async make(url: BrokerUrl, options: ConnectOptions): Promise<Broker> {
+    const environment = surroundings(options.environment);
+    const compiling = compiled(options.core ?? new URL('./eigencast-core.wasm', import.meta.url), environment);
+    if (options.worker === false) {
+      const { Session } = await import('./session.js');
+      const module = await compiling, core = await Core.make(module);
+      const session = new Session(core, environment, url, (message) => broker.#receive(message));
+      const broker = new Broker(url, module, environment, (message) => session.receive(message), () => {});
+      return broker;
+    }
+    // It starts while the core is on its way.
+    const given = options.worker ?? new URL('./worker.js', import.meta.url);
+    const worker = typeof given === 'string' || given instanceof URL ? workerAt(new URL(given, globalThis.location?.href)) : given;
+    let failed = '';
+    worker.onerror = (event) => (failed = workerFailure(event));
+    const module = await compiling.catch((error: unknown) => {
+      worker.terminate();
+      throw error;
+    });
+    const broker = new Broker(url, module, environment, (message, transfer = []) => worker.postMessage(message, transfer), () => worker.terminate());
+    worker.onmessage = ({ data }: MessageEvent<ToPage>) => broker.#receive(data);
+    worker.onerror = (event) => broker.#fail(workerFailure(event));
+    broker.#post({ op: 'begin', module, broker: url });
+    if (failed !== '') setTimeout(() => broker.#fail(failed));
+    return broker;
+  }
+
+  watch(stream: string, { profile = {}, maxBytes = MAX_BYTES, isPreview = false, declinedRetryMs }: WatchOptions = {}): Stream {
+    const key = ++this.#keys;
+    const made = new Stream(checkedName(stream), key, this.#post, () => void this.#streams.delete(key));
+    this.#streams.set(key, made);
+    // After the caller has put its listeners on.
+    queueMicrotask(() => {
+      if (this.#streams.has(key)) this.#post({ op: 'watch', key, stream, profile, maxBytes, isPreview, ...(declinedRetryMs === undefined ? {} : { declinedRetryMs }) });
+    });
+    return made;
+  }
+  /** Announced streams that the caller may watch, by name. Throws EigencastError. */
+  async streams(): Promise<ListedStream[]> {
+    const all: ListedStream[] = [];
+    for (let after = ''; all.length < MAX_LISTED;) {
+      const page = await this.#page(after);
+      for (const one of Array.isArray(page.streams) ? page.streams : []) all.push(listed(one));
+      if (typeof page.next !== 'string' || page.next <= after) break;
+      after = page.next;
+    }
+    return all;
+  }
+  /** Connects at once where it waits for its next try. */
+  retryNow(): void {
+    this.#post({ op: 'retry' });
+  }
+  /** Ends all its streams. */
+  close(): void {
+    for (const stream of [...this.#streams.values()]) stream.close();
+    this.#post({ op: 'end' });
+    this.#ended();
+  }
+
+  #receive(message: ToPage): void {
+    this.#streams.get(message.key)?.receive(message);
+  }
+  #fail(message: string): void {
+    for (const [key, stream] of this.#streams) stream.receive({ op: 'failed', key, code: 'internal', message });
+  }
+  async #page(after: string): Promise<{ streams?: unknown; next?: unknown }> {
+    const url = endpoint(this.#url, '/v1/streams', after === '' ? '' : `after=${encodeURIComponent(after)}`, 'http');
+    let answer: Response;
+    try {
+      answer = await this.#environment.fetch(url, { cache: 'no-store' });
+    } catch {
+      throw new EigencastError('unreachable', `${this.#url.base} cannot be reached`);
+    }
+    const body: unknown = await answer.json().catch(() => ({}));
+    const fields = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
+    if (answer.ok) return fields;
+    const said = typeof fields['message'] === 'string' ? `: ${remark(fields['message'])}` : '';
+    throw new EigencastError(typeof fields['error'] === 'string' ? remark(fields['error']) : 'refused', `${this.#url.base} answered ${answer.status}${said}`);
+  }
+}
+
+function workerFailure({ message }: ErrorEvent): string {
+  return message ? `the worker failed: ${message}` : 'the worker does not start: its script is missing, or worker-src of the page\'s policy forbids it';
+}
+/** Browsers start scripts of another origin, such as a CDN's, only by one of the page's own. */
+function workerAt(url: URL): Worker {
+  if (url.origin === globalThis.location?.origin) return new Worker(url, { type: 'module' });
+  const own = URL.createObjectURL(new Blob([`import ${JSON.stringify(url.href)}`], { type: 'text/javascript' }));
+  try {
+    return new Worker(own, { type: 'module' });
+  } finally {
+    setTimeout(() => URL.revokeObjectURL(own), 60_000);
+  }
+}
+
+function listed(one: unknown): ListedStream {
+  const fields = (typeof one === 'object' && one !== null ? one : {}) as Record<string, unknown>;
+  const text = (name: string): string => (typeof fields[name] === 'string' ? fields[name] : '');
+  const number = (name: string): number => (typeof fields[name] === 'number' ? fields[name] : 0);
+  return {
+    stream: text('stream'), state: text('state') as ListedStream['state'], asset: text('asset'), epoch: number('epoch'), keyRateHz: number('key_rate_hz'),
+    subscribers: number('subscribers'),
+  };
+}
+
+async function compiled(core: string | URL | BufferSource | WebAssembly.Module, environment: Environment): Promise<WebAssembly.Module> {
+  if (core instanceof WebAssembly.Module) return core;
+  if (typeof core !== 'string' && !(core instanceof URL)) return WebAssembly.compile(core);
+  const answer = await environment.fetch(String(core));
+  if (!answer.ok) throw new EigencastError('not-found', `${core} answered ${answer.status}`);
+  return WebAssembly.compile(await answer.arrayBuffer());
+}
+
+/** A broker by its URL: https://HOST[:PORT][/PREFIX], or http, wss, ws; HOST alone means port 7490. */
+export function connect(url: string, options: ConnectOptions = {}): Promise<Broker> {
+  return Broker.make(brokerUrl(url, options.token), options);
+}
+
+/** One stream by its URL, such as https://host/lab/horse?rate=raw, over a connection of its own, which ends with it. */
+export async function watch(url: string, options: ConnectOptions & WatchOptions & { prefix?: string } = {}): Promise<Stream> {
+  const { broker: where, stream, query } = streamUrl(url, options.token, options.prefix);
+  const broker = await Broker.make(where, options);
+  const watched = broker.watch(stream, { ...options, profile: { ...profileIn(query), ...options.profile } });
+  const close = watched.close.bind(watched);
+  watched.close = () => {
+    close();
+    broker.close();
+  };
+  return watched;
+}
+
+const CHOICES: Record<string, readonly string[]> = {
+  rate: ['raw', 'interpolated', 'estimated'], scheme: SCHEMES,
+};
+
+/** What a URL's query asks for. A broker's refusal of a WebSocket has no words in browsers, so it is checked here. */
+export function profileIn(query: URLSearchParams): Profile {
+  const profile: Record<string, string | number> = {};
+  const refuse = (why: string): never => {
+    throw new EigencastError('invalid-argument', `profile: ${why}`);
+  };
+  for (const [name, value] of query) {
+    const number = Number(value), isWhole = /^\d{1,2}$/.test(value), choices = Object.hasOwn(CHOICES, name) ? CHOICES[name] : undefined;
+    if (name === 'k' || name === 'bands') profile[name] = isWhole ? number : refuse(`${name} must be a whole number`);
+    else if (!choices) refuse(`unknown parameter '${name.slice(0, 32)}'; known: rate, k, scheme, bands`);
+    else if (name === 'rate' && isWhole) Object.assign(profile, number === 1 ? { rate: 'raw' } : { rate: 'interpolated', k: number });
+    else profile[name] = choices.includes(value) ? value : refuse(`${name} is '${value.slice(0, 32)}'; known: ${choices.join(', ')}`);
+  }
+  return profile as Profile;
+}

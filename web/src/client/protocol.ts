@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+import type { Request } from './connection.js';
+import type { StreamInfo } from './control.js';
+import type { Profile } from './profile.js';
+import type { Pose, Status, Surface } from './subscription.js';
+import type { Limits } from './surface_source.js';
+import type { BrokerUrl } from './url.js';
+
+// What the page and the worker that serves it send each other. `key` names a stream of the page.
+
+export interface Rebuild {
+  coefficients: Float64Array;
+  channels: number;
+  /** Vertices; clamped to what there is. */
+  level?: number;
+  /** Rows of the coefficients that count; 0: all. */
+  rank?: number;
+  /** With UVs, where the surface has an image. */
+  isTextured?: boolean;
+  /** Taken for the result where they are large enough: what comes back goes round. */
+  room?: { positions?: ArrayBuffer; normals?: ArrayBuffer };
+  /** Of the triangles that the page has; others come with the answer. */
+  trianglesVersion?: number;
+}
+export interface Rebuilt {
+  epoch: number;
+  vertices: number;
+  /** The surface's own vertices; where its image has seams more are drawn. */
+  level: number;
+  positions: Float32Array;
+  normals: Float32Array | undefined;
+  /** Those of a cloud's discs; as with triangles, nothing where the page has them. */
+  radii: Float32Array | undefined;
+  /** Likewise: two a vertex, below -1e30 outside the image; nothing: not textured. */
+  uvs: Float32Array | undefined;
+  /** Nothing: those of the version that the page has. */
+  triangles: Uint32Array | undefined;
+  trianglesVersion: number;
+  /** Milliseconds that it took. */
+  tookMs: number;
+}
+
+export type ToWorker =
+  | { op: 'begin'; module: WebAssembly.Module; broker: BrokerUrl }
+  | ({ op: 'watch'; key: number } & Request & Limits)
+  | { op: 'profile'; key: number; profile: Profile }
+  | { op: 'pause'; key: number; isPaused: boolean }
+  | { op: 'leave'; key: number }
+  | { op: 'rebuild'; key: number; request: number; rebuild: Rebuild }
+  | { op: 'retry' }
+  | { op: 'end' };
+
+export type ToPage =
+  | { op: 'status'; key: number; status: Status }
+  | { op: 'info'; key: number; info: StreamInfo }
+  | { op: 'surface'; key: number; surface: Surface }
+  | { op: 'image'; key: number; image: Uint8Array }
+  | { op: 'pose'; key: number; pose: Pose }
+  | { op: 'rebuilt'; key: number; request: number; rebuilt: Rebuilt }
+  | { op: 'failed'; key: number; request?: number; code: string; message: string };

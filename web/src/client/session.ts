@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+import { Core, EigencastError } from '../core/module.js';
+import { streamIdOf } from '../core/frames.js';
+import { Surface } from '../core/surface.js';
+import { BrokerConnection } from './connection.js';
+import type { Environment } from './environment.js';
+import type { Rebuild, Rebuilt, ToPage, ToWorker } from './protocol.js';
+import { Subscription } from './subscription.js';
+import type { BrokerUrl } from './url.js';
+
+interface Watched {
+  subscription: Subscription;
+  surface: Surface;
+  /** Rows and asset that `surface` has taken. */
+  taken: string;
+}
+
+/** What a worker does for its page: the socket, frames, assets and rebuilding of one broker's streams. */
+export class Session {
+  readonly #core: Core;
+  readonly #environment: Environment;
+  readonly #broker: BrokerUrl;
+  readonly #connection: BrokerConnection;
+  readonly #post: (message: ToPage, transfer: Transferable[]) => void;
+  readonly #watched = new Map<number, Watched>();
+
+  constructor(core: Core, environment: Environment, broker: BrokerUrl, post: (message: ToPage, transfer: Transferable[]) => void) {
+    this.#core = core;
+    this.#environment = environment;
+    this.#broker = broker;
+    this.#post = post;
+    this.#connection = new BrokerConnection(environment, broker, (frame) => streamIdOf(core, frame));
+  }
+
+  receive(message: ToWorker): void {
+    switch (message.op) {
+      case 'begin':
+        return;
+      case 'watch':
+        return this.#watch(message);
+      case 'profile':
+        return this.#watched.get(message.key)?.subscription.change(message.profile);
+      case 'pause':
+        return this.#watched.get(message.key)?.subscription.pause(message.isPaused);
+      case 'leave':
+        return this.#leave(message.key);
+      case 'rebuild':
+        return this.#answer(message.key, message.request, message.rebuild);
+      case 'retry':
+        return this.#connection.retryNow();
+      case 'end':
+        for (const key of [...this.#watched.keys()]) this.#leave(key);
+        this.#connection.close();
+    }
+  }
+
+  #watch({ key, ...request }: ToWorker & { op: 'watch' }): void {
+    const post = this.#post;
+    try {
+      const subscription = new Subscription(this.#core, this.#environment, this.#broker, this.#connection, request, {
+        onStatus: (status) => post({ op: 'status', key, status }, []),
+        onInfo: (info) => post({ op: 'info', key, info }, []),
+        onSurface: (surface) => post({ op: 'surface', key, surface }, []),
+        onImage: (image) => post({ op: 'image', key, image }, [image.buffer as ArrayBuffer]),
+        onPose: (pose) => post({ op: 'pose', key, pose }, [pose.coefficients.buffer, ...(pose.next ? [pose.next.coefficients.buffer] : [])]),
+      });
+      this.#watched.set(key, { subscription, surface: new Surface(this.#core), taken: '' });
+    } catch (error) {
+      this.#fail(key, error);
+    }
+  }
+  #leave(key: number): void {
+    const watched = this.#watched.get(key);
+    this.#watched.delete(key);
+    watched?.subscription.end();
+    watched?.surface.free();
+  }
+  #answer(key: number, request: number, rebuild: Rebuild): void {
+    const watched = this.#watched.get(key);
+    try {
+      if (!watched) throw new EigencastError('not-found', 'the stream is not watched (yet)');
+      const rebuilt = this.#rebuild(watched, rebuild);
+      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.triangles].filter((array) => array !== undefined);
+      this.#post({ op: 'rebuilt', key, request, rebuilt }, arrays.map((array) => array.buffer as ArrayBuffer));
+    } catch (error) {
+      this.#fail(key, error, request);
+    }
+  }
+  #rebuild(watched: Watched, { coefficients, channels, level, rank, isTextured, room, trianglesVersion }: Rebuild): Rebuilt {
+    const shown = watched.subscription.surfaces.shown;
+    if (!shown?.reader) throw new EigencastError('not-found', 'nothing of the surface has arrived yet');
+    const started = this.#environment.nowUs();
+    const taken = `${shown.reader.at} ${shown.asset} ${shown.isPrefix} ${shown.reader.next}`;
+    if (taken !== watched.taken) {
+      watched.surface.update(shown.reader);
+      watched.taken = taken;
+    }
+    const made = watched.surface.rebuild(shown.reader, coefficients, channels, level, rank, isTextured);
+    const isKnown = made.trianglesVersion === trianglesVersion;
+    const copied = (values: Float32Array, buffer?: ArrayBuffer): Float32Array => {
+      const to = buffer && buffer.byteLength >= values.byteLength ? new Float32Array(buffer, 0, values.length) : new Float32Array(values.length);
+      to.set(values);
+      return to;
+    };
+    return {
+      epoch: shown.info.epoch,
+      vertices: made.vertices,
+      level: made.level,
+      positions: copied(made.positions, room?.positions),
+      normals: made.normals && copied(made.normals, room?.normals),
+      radii: isKnown ? undefined : made.radii?.slice(),
+      uvs: isKnown ? undefined : made.uvs?.slice(),
+      triangles: isKnown ? undefined : made.triangles.slice(),
+      trianglesVersion: made.trianglesVersion,
+      tookMs: (this.#environment.nowUs() - started) / 1000,
+    };
+  }
+  #fail(key: number, error: unknown, request?: number): void {
+    const code = error instanceof EigencastError ? error.code : 'internal';
+    this.#post({ op: 'failed', key, code, message: (error as Error).message, ...(request === undefined ? {} : { request }) }, []);
+  }
+}

@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: MIT
+import { AssetReader } from '../core/asset.js';
+import type { Core } from '../core/module.js';
+import type { StreamInfo } from './control.js';
+import type { Environment } from './environment.js';
+import { ObjectFetcher } from './objects.js';
+import type { BrokerUrl } from './url.js';
+
+const MAX_MANIFEST_BYTES = 16 << 20;
+
+/** What of a surface is wanted. */
+export interface Limits {
+  /** More is refused. */
+  maxBytes: number;
+  /** Its first, coarse part is enough, as for a small picture. */
+  isPreview?: boolean;
+}
+
+/** One asset on its way: first from a prefix of its first chunk, with the lowest band alone, then whole, chunk by chunk. */
+export class Arriving {
+  /** The fullest that can be drawn. */
+  reader: AssetReader | undefined;
+  totalBytes = 0;
+  /** Why it can never be drawn; empty while it may. */
+  damage = '';
+  readonly fetcher: ObjectFetcher;
+
+  constructor(readonly asset: string, public info: StreamInfo, environment: Environment, broker: BrokerUrl, readonly isPreview = false) {
+    this.fetcher = new ObjectFetcher(environment, broker);
+  }
+  get isFinished(): boolean {
+    return this.reader !== undefined && this.reader.isComplete && !this.isPrefix;
+  }
+  isPrefix = false;
+  goesOnAs(asset: string): boolean {
+    return this.asset === asset && this.damage === '';
+  }
+
+  /** Until it is whole, damaged or stopped; `grown` after each step. */
+  async run(core: Core, maxBytes: number, grown: () => void): Promise<void> {
+    let whole: AssetReader | undefined;
+    this.fetcher.onTrouble = grown;
+    try {
+      const manifest = await this.fetcher.get({ id: this.asset, maxBytes: MAX_MANIFEST_BYTES }, (bytes) => core.sha256(bytes) === this.asset);
+      if (!manifest || this.fetcher.isStopped) return;
+      if (this.isPreview) return void (await this.#showPrefix(core, manifest, grown));
+      whole = new AssetReader(core, this.asset, manifest, { maxBytes });
+      this.totalBytes = manifest.length;
+      for (let i = 0; i < whole.chunkCount; ++i) this.totalBytes += whole.chunk(i).bytes;
+      this.checkFormat(whole.facts.rank);
+      const prefix = await this.#showPrefix(core, manifest, grown);
+      while (!whole.isComplete && this.damage === '') {
+        const { id, bytes } = whole.chunk(whole.next);
+        const chunk = await this.fetcher.get({ id, maxBytes: bytes }, (got) => core.sha256(got) === id, whole.next === 0 ? prefix : undefined);
+        if (!chunk || this.fetcher.isStopped) return;
+        whole.add(chunk);
+        if (this.reader !== whole) this.#show(whole, false);
+        grown();
+      }
+    } catch (error) {
+      const why = error instanceof WebAssembly.RuntimeError ? 'memory ran out; reload the page' : (error as Error).message;
+      this.damage = `the stream's surface cannot be shown: ${why}`;
+      this.fetcher.stop();
+      grown();
+    } finally {
+      if (whole !== this.reader) whole?.free();
+    }
+  }
+
+  /** Returns the first bytes of the first chunk, where they are a good part of it. */
+  async #showPrefix(core: Core, manifest: Uint8Array, grown: () => void): Promise<Uint8Array | undefined> {
+    const lowest = new AssetReader(core, this.asset, manifest, { bands: 1 });
+    try {
+      const { id, bytes, neededBytes } = lowest.chunk(0);
+      if (!this.isPreview && 4 * neededBytes > 3 * bytes) return undefined;
+      this.checkFormat(lowest.facts.rank);
+      const good = (got: Uint8Array): boolean => {
+        if (got.length !== neededBytes) return false;
+        lowest.add(got);
+        return true;
+      };
+      const prefix = await this.fetcher.get({ id, maxBytes: bytes, firstBytes: neededBytes }, good);
+      if (!prefix || this.fetcher.isStopped) return undefined;
+      this.#show(lowest, true);
+      grown();
+      return prefix;
+    } finally {
+      if (this.reader !== lowest) lowest.free();
+    }
+  }
+  #show(reader: AssetReader, isPrefix: boolean): void {
+    const before = this.reader;
+    this.reader = reader;
+    this.isPrefix = isPrefix;
+    before?.free();
+  }
+  /** The announced poses may not deform this surface. */
+  checkFormat(rank: number): void {
+    const format = this.info.format;
+    const why = format === undefined ? '' : rank !== format.rows ? `its basis has ${rank} columns, the stream's poses have ${format.rows}`
+      : format.channels < 3 ? 'its poses have fewer than three channels' : '';
+    if (why === '') return;
+    this.damage = `the stream's surface cannot be shown: ${why}`;
+    this.fetcher.stop();
+  }
+  end(): void {
+    this.fetcher.stop();
+    this.reader?.free();
+    this.reader = undefined;
+  }
+}
+
+/** The surface that a viewer shows, and the one of a newer epoch that replaces it once it can be drawn: sdk/surfaces.h. */
+export class SurfaceSource {
+  readonly #core: Core;
+  readonly #environment: Environment;
+  readonly #broker: BrokerUrl;
+  readonly #limits: Limits;
+  readonly #changed: () => void;
+  shown: Arriving | undefined;
+  pending: Arriving | undefined;
+
+  constructor(core: Core, environment: Environment, broker: BrokerUrl, limits: Limits, changed: () => void) {
+    this.#core = core;
+    this.#environment = environment;
+    this.#broker = broker;
+    this.#limits = limits;
+    this.#changed = changed;
+  }
+
+  get latest(): Arriving | undefined {
+    return this.pending ?? this.shown;
+  }
+  /** True: another surface than before is on its way from now on. */
+  announce(info: StreamInfo): boolean {
+    if (info.state === 'waiting' || info.asset === undefined) return false;
+    const adopt = (arriving: Arriving): void => {
+      arriving.info = info;
+      if (arriving.reader) arriving.checkFormat(arriving.reader.facts.rank);
+    };
+    if (this.latest?.goesOnAs(info.asset)) {
+      adopt(this.latest);
+      return false;
+    }
+    this.pending?.end();
+    this.pending = undefined;
+    if (this.shown?.goesOnAs(info.asset)) {
+      adopt(this.shown);
+      return true;
+    }
+    const arriving = (this.pending = new Arriving(info.asset, info, this.#environment, this.#broker, this.#limits.isPreview));
+    void arriving.run(this.#core, this.#limits.maxBytes, () => {
+      if (arriving === this.pending && arriving.reader) {
+        this.shown?.end();
+        this.shown = arriving;
+        this.pending = undefined;
+      }
+      if (arriving === this.shown || arriving === this.pending) this.#changed();
+    });
+    return true;
+  }
+  isShown(epoch: number): boolean {
+    return this.shown?.reader !== undefined && this.shown.info.epoch === epoch;
+  }
+  isPending(epoch: number): boolean {
+    return this.pending !== undefined && this.pending.info.epoch === epoch;
+  }
+  end(): void {
+    this.pending?.end();
+    this.shown?.end();
+    this.pending = this.shown = undefined;
+  }
+}

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+import type { AssetReader } from './asset.js';
+import type { Core } from './module.js';
+
+/** Views, of use until the next call of the core. */
+export interface Geometry {
+  /** Three a vertex. */
+  positions: Float32Array;
+  /** Three a vertex; nothing: a cloud without discs. */
+  normals: Float32Array | undefined;
+  /** Of a cloud's discs. */
+  radii: Float32Array | undefined;
+  /** Three indices a triangle. */
+  triangles: Uint32Array;
+  /** Two a vertex, of the surface's image; below -1e30: outside. Nothing: not textured. */
+  uvs: Float32Array | undefined;
+  vertices: number;
+  /** The surface's own vertices; where its image has seams more are drawn. */
+  level: number;
+  /** Grows when triangles, radii or uvs change. */
+  trianglesVersion: number;
+}
+
+/** Rebuilds poses of one asset at a level of detail. Call free() when done. */
+export class Surface {
+  readonly #core: Core;
+  readonly #at: number;
+
+  constructor(core: Core) {
+    this.#core = core;
+    this.#at = core.exports.surface_make();
+  }
+  free(): void {
+    this.#core.exports.surface_free(this.#at);
+  }
+
+  /** Takes what has arrived of the asset since the last time; another asset starts anew. */
+  update(asset: AssetReader): void {
+    this.#core.checked(this.#core.exports.surface_update(this.#at, asset.at));
+  }
+  /** coefficients: rank x channels. level: vertices, clamped to what there is. rank: rows that count; 0: all. */
+  rebuild(asset: AssetReader, coefficients: ArrayLike<number>, channels: number, level = Infinity, rank = 0, isTextured = false): Geometry {
+    const core = this.#core;
+    const given = core.givenDoubles(coefficients);
+    const at = core.found(core.exports.surface_rebuild(
+      this.#at, asset.at, given, coefficients.length, channels, rank, Math.min(level, 0xffffffff), isTextured ? 1 : 0));
+    const [positions = 0, normals = 0, radii = 0, triangles = 0, vertices = 0, indices = 0, version = 0, drawnLevel = 0, uvs = 0] =
+      core.words(at, 9);
+    return {
+      positions: core.floats(positions, 3 * vertices),
+      normals: normals === 0 ? undefined : core.floats(normals, 3 * vertices),
+      radii: radii === 0 ? undefined : core.floats(radii, vertices),
+      triangles: indices === 0 ? new Uint32Array() : core.words(triangles, indices),
+      uvs: uvs === 0 ? undefined : core.floats(uvs, 2 * vertices),
+      vertices,
+      level: drawnLevel,
+      trianglesVersion: version,
+    };
+  }
+}

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: MIT
+/**
+ * <eigencast-view src="https://host/lab/horse"></eigencast-view> for anybody's page: importing this file defines it.
+ *
+ * src      the stream's URL; its query says the profile. A token: property `token`
+ * colour   clay (default), own, normals
+ * still    no camera controls
+ * preview  the first, coarse part of the surface is enough
+ * Events: status (detail: Status), error (detail: EigencastError). Elements share one GL context, and those of one
+ * broker one connection.
+ */
+import { connect, profileIn, type Broker, type Stream } from '../client/client.js';
+import { streamUrl, type BrokerUrl } from '../client/url.js';
+import { EigencastError } from '../core/module.js';
+import { Controls } from '../view/controls.js';
+import { Stage } from '../view/stage.js';
+import { COLOURINGS, type Colouring } from '../view/style.js';
+import { View } from '../view/view.js';
+
+const STYLE = `
+  :host { display: block; position: relative; aspect-ratio: 16 / 10; background: linear-gradient(#9eafbf, #e9ebee); }
+  canvas { display: block; width: 100%; height: 100%; }
+  canvas:focus-visible { outline: 3px solid #a33c26; outline-offset: -3px; }
+  p { position: absolute; left: 8px; bottom: 8px; margin: 0; padding: 4px 10px; max-width: calc(100% - 16px); border-radius: 8px; background: #ffffffd9; color: #1a222b; font: 13px/1.4 system-ui, sans-serif; }
+  p:empty { display: none; }`;
+
+interface Shared {
+  broker: Promise<Broker>;
+  streams: Set<string>;
+}
+/** By URL and token, and a number: a connection watches a stream once. */
+const brokers = new Map<string, Shared>();
+let stage: Promise<Stage> | undefined;
+
+/** A broker's connection that does not watch the stream yet; it ends when the last stream leaves. */
+function shared(where: BrokerUrl, stream: string): { broker: Promise<Broker>; leave(): void } {
+  let number = 0, key = '';
+  do key = `${number++} ${where.base} ${where.token}`;
+  while (brokers.get(key)?.streams.has(stream));
+  const { broker, streams } = brokers.get(key) ?? { broker: connect(where.base, { token: where.token }), streams: new Set<string>() };
+  brokers.set(key, { broker, streams: streams.add(stream) });
+  return {
+    broker,
+    leave: () => {
+      streams.delete(stream);
+      if (streams.size > 0) return;
+      brokers.delete(key);
+      void broker.then((one) => one.close(), () => {});
+    },
+  };
+}
+
+export class EigencastView extends HTMLElement {
+  static readonly observedAttributes = ['src', 'colour', 'still', 'preview'];
+  /** Presented to the broker; set it before src. Attributes would show it to everybody. */
+  token = '';
+  readonly #canvas = document.createElement('canvas');
+  readonly #said = document.createElement('p');
+  #view: View | undefined;
+  #stop: (() => void) | undefined;
+  #opened = 0;
+
+  constructor() {
+    super();
+    const root = this.attachShadow({ mode: 'open' }), sheet = new CSSStyleSheet();
+    sheet.replaceSync(STYLE);
+    root.adoptedStyleSheets = [sheet];
+    this.#canvas.setAttribute('role', 'img');
+    this.#said.setAttribute('role', 'status');
+    root.append(this.#canvas, this.#said);
+  }
+  connectedCallback(): void {
+    void this.#open();
+  }
+  disconnectedCallback(): void {
+    this.#close();
+  }
+  attributeChangedCallback(name: string): void {
+    if (name === 'colour') this.#setColour();
+    else if (this.isConnected) void this.#open();
+  }
+
+  /** Nothing before its stream is watched: camera, style, picture(). */
+  get view(): View | undefined {
+    return this.#view;
+  }
+  get stream(): Stream | undefined {
+    return this.#view?.live.stream;
+  }
+
+  async #open(): Promise<void> {
+    this.#close();
+    const src = this.getAttribute('src'), mine = ++this.#opened;
+    if (!src) return;
+    let leave = (): void => {};
+    try {
+      const { broker: where, stream: name, query } = streamUrl(new URL(src, document.baseURI).href, this.token);
+      const connection = shared(where, name);
+      leave = connection.leave;
+      const broker = await connection.broker, drawn = await (stage ??= Stage.make(broker.module));
+      if (mine !== this.#opened) return leave();
+      this.#watch(drawn, broker.watch(name, { profile: profileIn(query), isPreview: this.hasAttribute('preview') }), leave);
+    } catch (error) {
+      leave();
+      if (mine === this.#opened) this.#fail(error instanceof EigencastError ? error : new EigencastError('internal', (error as Error).message));
+    }
+  }
+  #watch(drawn: Stage, stream: Stream, leave: () => void): void {
+    const view = (this.#view = new View(drawn, this.#canvas, stream)), controls = this.hasAttribute('still') ? undefined : new Controls(view);
+    this.#canvas.tabIndex = controls ? 0 : -1;
+    this.#canvas.onkeydown = (event) => {
+      if (!event.ctrlKey && !event.altKey && !event.metaKey && controls?.onKey(event)) event.preventDefault();
+    };
+    this.#setColour();
+    stream.on('status', (status) => {
+      this.#say(status.state === 'live' ? '' : status.detail || status.state);
+      this.#canvas.setAttribute('aria-label', `${stream.name}, a moving surface: ${status.detail || status.state}`);
+      this.dispatchEvent(new CustomEvent('status', { detail: status }));
+    });
+    stream.on('error', (error) => this.#fail(error));
+    this.#stop = () => {
+      controls?.close();
+      view.close();
+      stream.close();
+      leave();
+    };
+  }
+  #close(): void {
+    ++this.#opened;
+    this.#stop?.();
+    this.#stop = this.#view = undefined;
+  }
+  #setColour(): void {
+    const colour = this.getAttribute('colour') as Colouring;
+    this.#view?.setStyle({ colour: COLOURINGS.includes(colour) ? colour : 'clay' });
+  }
+  #say(text: string): void {
+    if (this.#said.textContent !== text) this.#said.textContent = text;
+  }
+  #fail(error: EigencastError): void {
+    this.#say(error.message);
+    this.dispatchEvent(new CustomEvent('error', { detail: error }));
+  }
+}
+
+customElements.define('eigencast-view', EigencastView);

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: MIT
+// What tests in Node look into; not part of the package.
+export * from './core/module.js';
+export * from './core/frames.js';
+export * from './core/playout.js';
+export * from './core/asset.js';
+export { Surface } from './core/surface.js';
+export * from './core/levels.js';
+export * from './client/index.js';
+export { profileIn } from './client/client.js';
+export { readControl, writeControl } from './client/control.js';
+export { ClockOffset } from './client/clock_offset.js';
+export { Retry, retryDelay, tryAgainIn } from './client/retry.js';
+export { brokerUrl, streamUrl } from './client/url.js';
+export { BrokerConnection } from './client/connection.js';
+export { ObjectFetcher } from './client/objects.js';
+export { Camera } from './view/camera.js';
+export { pick } from './view/pick.js';
+export { Sharpness } from './view/sharpness.js';
+export { linkOf, placeOf } from './page/place.js';
+export { bannerOf, figureLines, textFromMode } from './page/words.js';

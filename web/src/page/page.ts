@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+import { connect, profileIn } from '../client/client.js';
+import { checkedName } from '../client/url.js';
+import { Stage } from '../view/stage.js';
+import { ListPage } from './list_page.js';
+import { Note } from './note.js';
+import { hideToken, placeOf } from './place.js';
+import { StreamPage } from './stream_page.js';
+
+// The page that a broker serves: /: its streams; /NAME: one of them.
+
+async function open(): Promise<void> {
+  const place = placeOf(new URL(location.href), import.meta.url);
+  hideToken(place);
+  const broker = await connect(place.base, { token: place.token });
+  if (place.stream === '') {
+    const stage = await Stage.make(broker.module).catch(() => undefined);
+    return new ListPage(place, broker, stage).run();
+  }
+  const stage = await Stage.make(broker.module);
+  new StreamPage(place, broker, stage, broker.watch(checkedName(place.stream), { profile: profileIn(place.query) }));
+}
+
+open().catch((error: unknown) => {
+  const note = new Note();
+  note.fail('The page cannot start', error instanceof WebAssembly.CompileError ? 'this browser is too old for it: it takes WebAssembly with SIMD' : (error as Error).message);
+  document.body.replaceChildren(note.element);
+  console.error(error);
+});

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+import type { Broker, Stream } from '../client/client.js';
+import { Controls } from '../view/controls.js';
+import type { Stage } from '../view/stage.js';
+import { View } from '../view/view.js';
+import { COMMANDS, commandFor, type Command, type Desk } from './commands.js';
+import { Hud } from './hud.js';
+import { Note } from './note.js';
+import { copy, icon, part } from './parts.js';
+import { keepToken, linkOf, type Place } from './place.js';
+import { bannerOf } from './words.js';
+
+const TURN_SECONDS = 12, SAID_MS = 4000, BANNER_MS = 200;
+
+/** One stream, as large as the page. */
+export class StreamPage implements Desk {
+  readonly view: View;
+  readonly controls: Controls;
+  isTurning = false;
+  readonly #place: Place;
+  readonly #broker: Broker;
+  readonly #stream: Stream;
+  readonly #hud: Hud;
+  readonly #note = new Note();
+  readonly #state = part('span', { class: 'state' }, 'connecting');
+  readonly #banner = part('div', { class: 'banner', role: 'status', hidden: true });
+  readonly #main: HTMLElement;
+  readonly #help = part('dialog', { 'aria-label': 'Help' });
+  readonly #buttons = new Map<Command, HTMLButtonElement>();
+  #said: { text: string; untilMs: number } | undefined;
+  #turnedMs = 0;
+
+  constructor(place: Place, broker: Broker, stage: Stage, stream: Stream) {
+    this.#place = place;
+    this.#broker = broker;
+    this.#stream = stream;
+    const canvas = part('canvas', { tabindex: '0', role: 'img' });
+    this.#main = part('main', { class: place.isEmbedded ? 'viewer embed' : 'viewer' }, canvas, this.#head(), this.#banner, this.#note.element, this.#tools(), this.#help);
+    document.body.replaceChildren(this.#main);
+    document.title = `${place.stream} - Eigencast`;
+    this.view = new View(stage, canvas, stream);
+    this.controls = new Controls(this.view);
+    this.#hud = new Hud(stage, this.view);
+    this.#main.append(this.#hud.element);
+    this.hasFigures = false;
+    this.view.onImage = () => this.#showOwnColours('textured');
+    const dark = matchMedia('(prefers-color-scheme: dark)'), setWall = (): void => this.view.setStyle({ wall: !dark.matches });
+    dark.addEventListener('change', setWall);
+    setWall();
+    if (place.isEmbedded) {
+      this.#main.append(part('a', { class: 'button open', href: linkOf(place), target: '_blank', rel: 'noopener' }, 'Open'));
+    }
+    stream.on('status', () => this.#onStatus());
+    stream.on('surface', () => this.#onStatus());
+    stream.on('error', (error) => this.#note.fail('The stream cannot be shown', error.message));
+    setInterval(() => this.#refreshBanner(), BANNER_MS);
+    document.addEventListener('keydown', (event) => this.#onKey(event));
+    this.#onFirstSurface();
+    this.#onStatus();
+    this.#refreshButtons();
+    const turn = (nowMs: number): void => {
+      requestAnimationFrame(turn);
+      this.#turntable(nowMs);
+    };
+    requestAnimationFrame(turn);
+  }
+
+  get hasFigures(): boolean {
+    return !this.#hud.element.classList.contains('unseen');
+  }
+  set hasFigures(are: boolean) {
+    this.#hud.element.classList.toggle('unseen', !are);
+  }
+  say(text: string): void {
+    this.#said = { text, untilMs: Date.now() + SAID_MS };
+    this.#refreshBanner();
+  }
+  screenshot(wall: boolean): void {
+    void this.view.picture(wall).then((blob) => {
+      if (!blob) return this.say('there is no picture yet');
+      const url = URL.createObjectURL(blob), name = `${this.#place.stream.replaceAll('/', '_')}.png`;
+      part('a', { href: url, download: name }).click();
+      setTimeout(() => URL.revokeObjectURL(url), SAID_MS);
+      this.say(`screenshot: ${name}`);
+    });
+  }
+  copyLink(): void {
+    const link = linkOf(this.#place, this.view.camera);
+    void copy(link).then((done) => this.say(done ? 'the link to this view is in the clipboard' : `the link to this view: ${link}`));
+  }
+  fullScreen(): void {
+    const done = document.fullscreenElement ? document.exitFullscreen() : this.#main.requestFullscreen?.();
+    done?.catch(() => this.say('full screen is not allowed here'));
+  }
+  help(): void {
+    if (this.#help.open) return this.#help.close();
+    const line = (keys: string, does: string): Node[] => [part('dt', {}, keys), part('dd', {}, does)];
+    this.#help.replaceChildren(
+      part('button', { class: 'button', 'aria-label': 'Close', onclick: () => this.#help.close() }, icon('M6 6l12 12M18 6L6 18')), part('h2', {}, 'Keys'),
+      part('dl', {}, ...line('drag, arrows', 'rotate'), ...line('right or two-finger drag, Shift + arrows', 'pan'), ...line('wheel, pinch, Page Up, Page Down', 'zoom'),
+        ...line('double click', 'turn round the point that was hit'),
+        ...COMMANDS.flatMap((command) => {
+          const state = command.state?.(this) ?? (command.isOn && (command.isOn(this) ? 'on' : 'off'));
+          return line(command.keys.map((key) => (key === ' ' ? 'Space' : key)).join(' '), command.does + (state ? `: ${state}` : ''));
+        })));
+    this.#help.showModal();
+  }
+
+  #head(): HTMLElement {
+    return part('header', { class: 'head' },
+      part('a', { class: 'button', href: `${this.#place.base}/`, 'aria-label': 'All streams', title: 'All streams' }, icon('M14 5l-7 7 7 7')),
+      part('div', { class: 'name' }, part('h1', {}, this.#place.stream), this.#state));
+  }
+  #tools(): HTMLElement {
+    const tools = part('div', { class: 'tools', role: 'toolbar', 'aria-label': 'View' });
+    for (const command of COMMANDS) {
+      if (command.icon === undefined) continue;
+      const title = `${command.does} (${command.keys[0] === ' ' ? 'Space' : command.keys[0]})`;
+      const button = part('button', { class: 'button', type: 'button', title, 'aria-label': command.does, onclick: () => this.#apply(command) }, icon(command.icon));
+      this.#buttons.set(command, button);
+      tools.append(button);
+    }
+    return tools;
+  }
+  #apply(command: Command): void {
+    command.apply(this);
+    this.#refreshButtons();
+  }
+  #refreshButtons(): void {
+    for (const [command, button] of this.#buttons) if (command.isOn) button.setAttribute('aria-pressed', String(command.isOn(this)));
+  }
+  /** Where somebody types, or on a button, keys are theirs. */
+  #onKey(event: KeyboardEvent): void {
+    const at = event.target as Element;
+    if (this.#help.open || at.matches('input, textarea') || (at.matches('button, a') && (event.key === 'Enter' || event.key === ' '))) return;
+    const command = commandFor(event);
+    if (command) this.#apply(command);
+    else if (event.ctrlKey || event.altKey || event.metaKey || !this.controls.onKey(event)) return;
+    event.preventDefault();
+  }
+
+  #onFirstSurface(): void {
+    const { eye, target } = this.#place;
+    const stop = this.#stream.on('surface', () => {
+      stop();
+      if (eye && target) this.view.camera.lookFrom(eye, target);
+      if (this.view.colourings.includes('own')) this.#showOwnColours('own');
+    });
+  }
+  /** Unless somebody has chosen. */
+  #showOwnColours(colour: 'own' | 'textured'): void {
+    if (this.view.style.colour !== 'normals') this.view.setStyle({ colour });
+  }
+  #onStatus(): void {
+    const status = this.#stream.status, { view } = this;
+    if (!status) return;
+    if (this.#state.textContent !== status.state) {
+      this.#state.textContent = status.state;
+      this.#state.className = `state ${status.state}`;
+    }
+    this.#state.title = status.detail;
+    view.canvas.setAttribute('aria-label', `${this.#place.stream}, a moving surface: ${status.detail || status.state}`);
+    if (view.live.surface) this.#note.hide();
+    else {
+      this.#note.show(status, linkOf({ ...this.#place, query: new URLSearchParams() }), {
+        retry: () => this.#broker.retryNow(),
+        token: (token) => {
+          keepToken(this.#place.base, token);
+          location.reload();
+        },
+      });
+    }
+  }
+  #refreshBanner(): void {
+    const now = Date.now(), status = this.#stream.status;
+    if (this.#said && now > this.#said.untilMs) this.#said = undefined;
+    const text = this.#said?.text ?? (status ? bannerOf(status, this.view.live.newestMs, now) : '');
+    this.#banner.hidden = text === '';
+    if (this.#banner.textContent !== text) this.#banner.textContent = text;
+  }
+  #turntable(nowMs: number): void {
+    const seconds = (nowMs - this.#turnedMs) / 1000;
+    this.#turnedMs = nowMs;
+    if (!this.isTurning) return;
+    this.view.camera.turn((seconds * 2 * Math.PI) / TURN_SECONDS);
+    this.view.invalidate();
+  }
+}

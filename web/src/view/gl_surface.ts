@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: MIT
+import type { Rebuilt } from '../client/protocol.js';
+import { bindTexture, type GL, type Program } from './gl.js';
+import { determinant, IDENTITY, normalMatrix, type Mat4 } from './matrix.js';
+
+/** Numbers of kMeshVertex and kSplatVertex. */
+const POSITION = 0, NORMAL = 1, PAINT = 2, RADIUS = 3;
+/** Of the renderer's. */
+export const UV = 4;
+/** Texture units; 0 and 1 belong to shadow map and colour table. */
+const IMAGE_UNIT = 2;
+const ANISOTROPY = 8;
+/** Modes of kPaint. */
+export const PAINTS = { clay: 0, own: 2, textured: 2, normals: 3 } as const;
+
+/** One surface as the GPU draws it. */
+export class GlSurface {
+  readonly #gl: GL;
+  readonly #array: WebGLVertexArrayObject;
+  readonly #buffers: WebGLBuffer[];
+  readonly #triangles: WebGLBuffer;
+  readonly #edges: WebGLBuffer;
+  #vertices = 0;
+  #indices: Uint32Array = new Uint32Array();
+  #edgesAreThere = false;
+  #painted = 0;
+  #image: WebGLTexture | undefined;
+  #hasUvs = false;
+  #sceneFromSurface: Mat4 = IDENTITY;
+  #scale = 1;
+  #spacing = 0;
+  isCloud = false;
+  hasDiscs = false;
+  /** A mode of kPaint. */
+  paint: number = PAINTS.clay;
+  /** 1: its colours; 0: grey, as of a lost connection. */
+  colourfulness = 1;
+
+  constructor(gl: GL) {
+    this.#gl = gl;
+    this.#array = gl.createVertexArray();
+    this.#buffers = Array.from({ length: 5 }, () => gl.createBuffer());
+    this.#triangles = gl.createBuffer();
+    this.#edges = gl.createBuffer();
+  }
+  free(): void {
+    const gl = this.#gl;
+    gl.deleteVertexArray(this.#array);
+    if (this.#image) gl.deleteTexture(this.#image);
+    for (const buffer of [...this.#buffers, this.#triangles, this.#edges]) gl.deleteBuffer(buffer);
+  }
+
+  /** area: of the surface, in its units. */
+  upload(rebuilt: Rebuilt, isCloud: boolean, area: number): void {
+    const gl = this.#gl;
+    gl.bindVertexArray(this.#array);
+    this.#vertices = rebuilt.vertices;
+    this.#spacing = Math.sqrt(area / Math.max(rebuilt.level, 1));
+    this.isCloud = isCloud;
+    this.#set(POSITION, rebuilt.positions, 3);
+    this.#set(NORMAL, rebuilt.normals, 3);
+    if (!rebuilt.triangles) return;
+    this.hasDiscs = rebuilt.radii !== undefined;
+    this.#set(RADIUS, rebuilt.radii, 1);
+    this.#hasUvs = rebuilt.uvs !== undefined;
+    this.#set(UV, rebuilt.uvs, 2);
+    this.#indices = rebuilt.triangles;
+    this.#edgesAreThere = false;
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#triangles);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, this.#indices, gl.STATIC_DRAW);
+  }
+  /** rows x 3, sRGB; nothing: it has none. */
+  colour(colours: Uint8Array | undefined): void {
+    this.#gl.bindVertexArray(this.#array);
+    this.#painted = (colours?.length ?? 0) / 3;
+    this.#set(PAINT, colours && Float32Array.from(colours, (part) => LINEAR[part]!), 3);
+  }
+  /** Its texture, at most as large as the GPU takes. */
+  texture(image: ImageBitmap): void {
+    const gl = this.#gl, fine = gl.getExtension('EXT_texture_filter_anisotropic');
+    if (this.#image) gl.deleteTexture(this.#image);
+    this.#image = gl.createTexture();
+    bindTexture(gl, IMAGE_UNIT, this.#image);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    if (fine) gl.texParameterf(gl.TEXTURE_2D, fine.TEXTURE_MAX_ANISOTROPY_EXT, ANISOTROPY);
+  }
+  place(sceneFromSurface: Mat4): void {
+    this.#sceneFromSurface = sceneFromSurface;
+    this.#scale = Math.cbrt(Math.abs(determinant(sceneFromSurface)));
+  }
+
+  /** With an image, and UVs. */
+  get isTextured(): boolean {
+    return this.#image !== undefined && this.#hasUvs;
+  }
+  get isDrawable(): boolean {
+    return this.#vertices > 0;
+  }
+  get vertices(): number {
+    return this.#vertices;
+  }
+  get faces(): number {
+    return this.#indices.length / 3;
+  }
+  get sceneFromSurface(): Mat4 {
+    return this.#sceneFromSurface;
+  }
+  /** Three indices a triangle. */
+  get triangles(): Uint32Array {
+    return this.#indices;
+  }
+  /** From surface to scene. */
+  get scale(): number {
+    return this.#scale;
+  }
+  /** Between points, scene units. */
+  get spacing(): number {
+    return this.#spacing * this.#scale;
+  }
+
+  /** Sets the program's transform and binds the arrays, and the image. */
+  bind(program: Program, withImage = false): void {
+    const hasColours = withImage || (!this.#hasUvs && this.#painted >= this.#vertices);
+    const paint = this.paint === PAINTS.own && !hasColours ? PAINTS.clay : this.paint;
+    program.set({
+      paint, colourfulness: this.colourfulness, scene_from_surface: this.#sceneFromSurface, scene_from_normal: normalMatrix(this.#sceneFromSurface),
+    });
+    if (withImage && this.#image) {
+      program.set({ image: IMAGE_UNIT });
+      bindTexture(this.#gl, IMAGE_UNIT, this.#image);
+    }
+    this.#gl.bindVertexArray(this.#array);
+  }
+  drawTriangles(): void {
+    this.#draw(this.#gl.TRIANGLES, this.#triangles, this.#indices.length);
+  }
+  /** Those of each triangle, so that an inner one is drawn twice, as by glPolygonMode. */
+  drawEdges(): void {
+    const gl = this.#gl;
+    if (!this.#edgesAreThere) {
+      const ends = new Uint32Array(2 * this.#indices.length);
+      this.#indices.forEach((vertex, i) => {
+        ends[2 * i] = vertex;
+        ends[2 * i + 1] = this.#indices[i % 3 === 2 ? i - 2 : i + 1]!;
+      });
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#edges);
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, ends, gl.STATIC_DRAW);
+      this.#edgesAreThere = true;
+    }
+    this.#draw(gl.LINES, this.#edges, 2 * this.#indices.length);
+  }
+  drawPoints(): void {
+    this.#gl.drawArrays(this.#gl.POINTS, 0, this.#vertices);
+  }
+
+  #draw(what: number, indices: WebGLBuffer, count: number): void {
+    this.#gl.bindBuffer(this.#gl.ELEMENT_ARRAY_BUFFER, indices);
+    this.#gl.drawElements(what, count, this.#gl.UNSIGNED_INT, 0);
+  }
+  #set(number: number, values: Float32Array | undefined, size: number): void {
+    const gl = this.#gl;
+    if (!values) {
+      gl.disableVertexAttribArray(number);
+      gl.vertexAttrib3f(number, 0, 0, 0);
+      return;
+    }
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#buffers[number]!);
+    gl.bufferData(gl.ARRAY_BUFFER, values, gl.STREAM_DRAW);
+    gl.vertexAttribPointer(number, size, gl.FLOAT, false, 0, 0);
+    gl.enableVertexAttribArray(number);
+  }
+}
+
+/** Linear light of an sRGB part. */
+const LINEAR = Float32Array.from({ length: 256 }, (_, i) => {
+  const part = i / 255;
+  return part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4;
+});

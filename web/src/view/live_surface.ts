@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: MIT
+import type { Stream } from '../client/client.js';
+import type { Rebuilt } from '../client/protocol.js';
+import type { Pose, Status, Surface } from '../client/subscription.js';
+import { EigencastError, type Core } from '../core/module.js';
+import { Playout, type PlayoutSettings, type Shown } from '../core/playout.js';
+import { IDENTITY, type Mat4, type Vec3 } from './matrix.js';
+
+const FADE_MS = 500;
+
+/** What is drawn, until the next one comes. */
+export interface Drawn {
+  rebuilt: Rebuilt;
+  isCloud: boolean;
+  area: number;
+}
+
+/**
+ * A stream's surface on the page: which pose is shown when, and how many of its vertices; the worker rebuilds it. Keeps
+ * the last pose while none comes, and shows the rest pose before the first: view/surface_view.h.
+ */
+export class LiveSurface {
+  readonly stream: Stream;
+  readonly #playout: Playout;
+  readonly #changed: (drawn: Drawn | undefined) => void;
+  readonly #listeners: (() => void)[];
+  #settings: PlayoutSettings = { mode: 'interpolate' };
+  #surface: Surface | undefined;
+  #epoch = -1;
+  #asset = '';
+  #coefficients: Float64Array | undefined;
+  #channels = 3;
+  #shownUs: bigint | undefined;
+  #isSettling = false;
+  #level = 0;
+  #isStale = false;
+  #isTextured = false;
+  #isInFlight = false;
+  #isClosed = false;
+  #drawn: Drawn | undefined;
+  #spare: Rebuilt | undefined;
+  #version = 0;
+  #lostSinceMs: number | undefined;
+  /** Of the rest pose, surface units; grows more exact as the surface arrives. */
+  box: [low: Vec3, high: Vec3] | undefined;
+  shown: Shown = 'held';
+  bands = 0;
+  posesShown = 0;
+  isPaused = false;
+  /** Date.now() of the last pose that came. */
+  newestMs: number | undefined;
+
+  /** `changed`: there is something else to draw; nothing: the box is another. */
+  constructor(stream: Stream, core: Core, changed: (drawn: Drawn | undefined) => void) {
+    this.stream = stream;
+    this.#changed = changed;
+    this.#playout = new Playout(core, this.#settings);
+    this.#listeners = [
+      stream.on('pose', (pose) => this.#onPose(pose)),
+      stream.on('surface', (surface) => this.#onSurface(surface)),
+      stream.on('status', (status) => this.#onStatus(status)),
+    ];
+    if (stream.status) this.#onStatus(stream.status);
+    if (stream.surface) this.#onSurface(stream.surface);
+  }
+  /** The stream stays as it is. */
+  close(): void {
+    this.#isClosed = true;
+    for (const stop of this.#listeners) stop();
+    this.#playout.free();
+  }
+
+  get playout(): PlayoutSettings {
+    return this.#settings;
+  }
+  set playout(settings: PlayoutSettings) {
+    this.#settings = settings;
+    this.#playout.set(settings);
+  }
+  get delayUs(): number {
+    return this.#playout.delayUs;
+  }
+  /** On the sender's clock; nothing before the first pose. */
+  get shownUs(): bigint | undefined {
+    return this.#shownUs;
+  }
+  get surface(): Surface | undefined {
+    return this.#surface;
+  }
+  get drawn(): Drawn | undefined {
+    return this.#drawn;
+  }
+  get isCloud(): boolean {
+    return this.#surface?.facts.faceTotal === 0;
+  }
+  get sceneFromSurface(): Mat4 {
+    return this.stream.info?.world ?? IDENTITY;
+  }
+  /** 1, or less where the connection or its sender is lost. */
+  colourfulness(nowMs: number): number {
+    if (this.#lostSinceMs === undefined || this.newestMs === undefined) return 1;
+    return Math.max(0, 1 - (nowMs - this.#lostSinceMs) / FADE_MS);
+  }
+  /** With UVs, where it has an image. */
+  set isTextured(value: boolean) {
+    this.#isStale ||= value !== this.#isTextured;
+    this.#isTextured = value;
+  }
+  /** Triangles and all come with the next answer, as after a lost GL context. */
+  forgetDrawn(): void {
+    this.#version = 0;
+    this.#isStale = true;
+  }
+
+  /** Chooses what is to be shown now, of at most `level` vertices, and has it rebuilt where that is something new. */
+  advance(nowUs: number, level: number): void {
+    if (!this.#surface || this.#isInFlight) return;
+    const isNew = this.#choose(nowUs);
+    const wanted = Math.min(level, this.#surface.facts.rowsReady);
+    if (!isNew && !this.#isStale && wanted === this.#level) return;
+    this.#level = wanted;
+    this.#isStale = false;
+    void this.#rebuild(wanted);
+  }
+
+  #onPose(pose: Pose): void {
+    this.newestMs = Date.now();
+    if (pose.epoch !== this.#epoch) return;
+    this.bands = pose.bands;
+    this.#playout.setBandEnds(pose.bandEnds);
+    this.#playout.add(pose.captureUs, BigInt(pose.arrivalUs), pose.coefficients, pose.bands, pose.kind === 'estimate');
+    if (pose.next) this.#playout.addNext(pose.next.captureUs, pose.next.coefficients, pose.next.bands);
+  }
+  #onSurface(surface: Surface): void {
+    if (surface.epoch !== this.#epoch) {
+      // A sender that comes back with the same surface: what is shown stays until its first pose.
+      const isSame = surface.asset === this.#asset;
+      this.#epoch = surface.epoch;
+      this.#asset = surface.asset;
+      this.#playout.reset();
+      this.#shownUs = undefined;
+      if (!isSame) [this.#coefficients, this.box] = [undefined, undefined];
+    }
+    this.#surface = surface;
+    this.#coefficients ??= surface.rest;
+    if (this.#coefficients === surface.rest) this.#channels = 3;
+    this.#isStale = true;
+    if (!this.box || surface.isComplete) void this.#measure(surface);
+    this.#changed(undefined);
+  }
+  #onStatus({ state }: Status): void {
+    const isWell = state === 'live' || state === 'downloading';
+    this.#lostSinceMs = isWell ? undefined : (this.#lostSinceMs ?? Date.now());
+  }
+  /** The box of the rest pose as rebuilt here: exact in every basis and for every part that has arrived. */
+  async #measure(surface: Surface): Promise<void> {
+    const rebuilt = await this.stream.rebuild({ coefficients: surface.rest, channels: 3 }).catch(() => undefined);
+    if (!rebuilt || this.#isClosed || rebuilt.vertices === 0) return;
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    rebuilt.positions.forEach((value, i) => {
+      low[i % 3] = Math.min(low[i % 3]!, value);
+      high[i % 3] = Math.max(high[i % 3]!, value);
+    });
+    this.box = [low as unknown as Vec3, high as unknown as Vec3];
+    this.#changed(undefined);
+  }
+  #choose(nowUs: number): boolean {
+    if (this.isPaused && this.#shownUs !== undefined) return false;
+    const pose = this.#playout.at(BigInt(nowUs));
+    if (!pose) return false;
+    this.shown = pose.shown;
+    const isNew = pose.timeUs !== this.#shownUs;
+    // Once more after settling, so that no error remains.
+    if (!isNew && !pose.settling && !this.#isSettling) return false;
+    this.#isSettling = pose.settling;
+    this.#shownUs = pose.timeUs;
+    if (isNew) ++this.posesShown;
+    this.#coefficients = pose.coefficients.slice();
+    this.#channels = pose.coefficients.length / (this.#surface?.facts.rank ?? 1);
+    return true;
+  }
+  async #rebuild(level: number): Promise<void> {
+    const coefficients = this.#coefficients!, channels = this.#channels, surface = this.#surface!;
+    let used = coefficients.length;
+    while (used > 0 && coefficients[used - 1] === 0) --used;
+    const spare = this.#spare, had = this.#version;
+    this.#spare = undefined;
+    this.#isInFlight = true;
+    try {
+      const rebuilt = await this.stream.rebuild({
+        coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured,
+        ...(spare ? { room: { positions: spare.positions.buffer as ArrayBuffer, normals: spare.normals?.buffer as ArrayBuffer } } : {}),
+      });
+      if (this.#isClosed) return;
+      // What the answer leaves out was forgotten meanwhile.
+      if (!rebuilt.triangles && had !== this.#version) return void (this.#isStale = true);
+      this.#version = rebuilt.trianglesVersion;
+      this.#spare = this.#drawn?.rebuilt;
+      this.#drawn = { rebuilt, isCloud: surface.facts.faceTotal === 0, area: surface.facts.area };
+      this.#changed(this.#drawn);
+    } catch (error) {
+      if (!(error instanceof EigencastError)) throw error;  // Another surface is on its way.
+    } finally {
+      this.#isInFlight = false;
+    }
+  }
+}

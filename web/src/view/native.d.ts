@@ -1,0 +1,9 @@
+// SPDX-License-Identifier: MIT
+
+/** GLSL of the native viewer, as the build reads it from C++ (web/shaders.mjs). */
+declare module '*/view/shaders.h' {
+  export const kScreenVertex: string, kBackgroundFragment: string, kShadowVertex: string, kShadowFragment: string;
+  export const kPaint: string, kLighting: string, kMeshVertex: string, kMeshPaint: string, kMeshFragment: string;
+  export const kLineFragment: string, kSplatVertex: string, kSplatFragment: string;
+  export const kGroundVertex: string, kGroundFragment: string, kFinishFragment: string;
+}

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: MIT
+import {
+  kFinishFragment, kLighting, kLineFragment, kMeshFragment, kMeshPaint, kMeshVertex, kPaint, kScreenVertex, kSplatFragment, kSplatVertex,
+} from '../../../view/shaders.h';
+import { FIELD_OF_VIEW, type Camera } from './camera.js';
+import { bindTexture, Program, type GL } from './gl.js';
+import { PAINTS, UV, type GlSurface } from './gl_surface.js';
+import { Lighting } from './lighting.js';
+import { product } from './matrix.js';
+import type { Style } from './style.js';
+import { Surroundings } from './surroundings.js';
+import { Target } from './target.js';
+
+/** Depth shading of clouds without discs. */
+const DOME = 90;
+
+/** Corners of one vertex have several UVs at seams, where the core gives several vertices. */
+const TEXTURED_VERTEX = kMeshVertex.replace('void main(){', `layout(location=${UV})in vec2 vertex_uv;out vec2 uv;void main(){uv=vertex_uv;`);
+const IMAGE_PAINT = 'in vec2 uv;uniform sampler2D image;vec3 own_paint(){vec3 texel=texture(image,uv).rgb;return uv.x>-1e30?texel:vec3(1.0);}';
+
+/** Draws surfaces as the native viewer does, with its shaders: view/renderer.h. */
+export class Renderer {
+  readonly #gl: GL;
+  readonly #target: Target;
+  readonly #lighting: Lighting;
+  readonly #surroundings: Surroundings;
+  readonly #mesh: Program;
+  readonly #textured: Program;
+  readonly #line: Program;
+  readonly #splat: Program;
+  readonly #finish: Program;
+  readonly #none: WebGLVertexArrayObject;
+  readonly #black: WebGLTexture;
+
+  constructor(gl: GL) {
+    this.#gl = gl;
+    const paint = kLighting + kPaint;
+    this.#mesh = new Program(gl, 'mesh', kMeshVertex, paint + kMeshPaint + kMeshFragment);
+    this.#textured = new Program(gl, 'textured mesh', TEXTURED_VERTEX, paint + IMAGE_PAINT + kMeshFragment);
+    this.#line = new Program(gl, 'line', kMeshVertex, kLineFragment);
+    this.#splat = new Program(gl, 'splat', kSplatVertex, paint + kSplatFragment);
+    this.#finish = new Program(gl, 'finish', kScreenVertex, kFinishFragment);
+    this.#target = new Target(gl);
+    this.#lighting = new Lighting(gl);
+    this.#surroundings = new Surroundings(gl);
+    this.#none = gl.createVertexArray();
+    this.#black = gl.createTexture();  // colour_table, until surfaces are painted with numbers.
+    bindTexture(gl, 1, this.#black);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+  }
+
+  /** To the lower left of the canvas, which is that large at least. Sizes are pixels of the picture. */
+  draw(all: readonly GlSurface[], camera: Camera, style: Style, width: number, height: number, pixelScale: number): void {
+    const gl = this.#gl, surfaces = all.filter((surface) => surface.isDrawable);
+    const paint = PAINTS[style.colour];
+    for (const surface of surfaces) surface.paint = paint;
+    this.#lighting.cast(camera, surfaces);
+    this.#target.bind(width, height);
+    gl.viewport(0, 0, width, height);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    // Alpha is coverage: colours of a picture without wall are premultiplied, as canvases want them.
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    if (style.wall) this.#surroundings.drawWall();
+    this.#lighting.bind();
+    gl.enable(gl.DEPTH_TEST);
+    this.#drawMeshes(surfaces.filter((surface) => !surface.isCloud && !style.points), camera, style);
+    this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale);
+    this.#surroundings.drawFloor(camera, this.#lighting, style.grid, surfaces.length > 0, pixelScale);
+    if (style.axes) this.#surroundings.drawAxes(camera);
+    if (surfaces.length > 0 && surfaces.every((surface) => surface.isCloud && !surface.hasDiscs)) this.#finishCloud(camera, width, height);
+    else this.#target.present(width, height);
+  }
+
+  #drawMeshes(surfaces: readonly GlSurface[], camera: Camera, style: Style): void {
+    if (surfaces.length === 0) return;
+    const gl = this.#gl;
+    const isTextured = (surface: GlSurface): boolean => style.colour === 'textured' && !style.wireframe && surface.isTextured;
+    for (const program of [this.#mesh, ...(surfaces.some(isTextured) ? [this.#textured] : [])]) {
+      this.#lighting.light(program, camera);
+      program.set({ colour_table: 1 });
+    }
+    // Only under lines: the slope term would let back faces shine through along the silhouette.
+    if (style.edges || style.wireframe) gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(1, 1);
+    // A wireframe hides what is behind the surface: its faces write depth only.
+    if (style.wireframe) gl.colorMask(false, false, false, false);
+    for (const surface of surfaces) {
+      const withImage = isTextured(surface);
+      surface.bind((withImage ? this.#textured : this.#mesh).use(), withImage);
+      surface.drawTriangles();
+    }
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.colorMask(true, true, true, true);
+    if (!style.edges && !style.wireframe) return;
+    if (!style.wireframe) {
+      this.#line.use().set({ clip_from_scene: product(camera.clipFromView, camera.viewFromScene), line_colour: [0.08, 0.05, 0.07, 0.42] });
+      gl.enable(gl.BLEND);
+      gl.depthMask(false);
+    }
+    for (const surface of surfaces) {
+      surface.bind((style.wireframe ? this.#mesh : this.#line).use());
+      surface.drawEdges();
+    }
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
+  }
+
+  #drawPoints(surfaces: readonly GlSurface[], camera: Camera, height: number, pixelScale: number): void {
+    if (surfaces.length === 0) return;
+    this.#lighting.light(this.#splat, camera);
+    this.#splat.set({
+      colour_table: 1, view_from_scene: camera.viewFromScene, clip_from_view: camera.clipFromView, pixel_scale: pixelScale,
+      px_per_unit: (0.5 * height) / Math.tan(0.5 * FIELD_OF_VIEW),
+    });
+    for (const surface of surfaces) {
+      surface.bind(this.#splat);
+      this.#splat.set({
+        radius: (surface.isCloud ? 1.15 : 0.32) * Math.max(surface.spacing, 1e-4 * camera.radius), discs: surface.hasDiscs ? surface.scale : 0,
+      });
+      surface.drawPoints();
+    }
+  }
+
+  #finishCloud(camera: Camera, width: number, height: number): void {
+    const gl = this.#gl;
+    gl.disable(gl.DEPTH_TEST);
+    // The shader gives straight colours.
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ZERO, gl.ONE, gl.ZERO);
+    this.#target.resolve(width, height);
+    this.#finish.use().set({ picture: 0, depth: 1, dome: DOME, near_far: camera.nearFar });
+    bindTexture(gl, 0, this.#target.colour);
+    bindTexture(gl, 1, this.#target.depth);
+    gl.bindVertexArray(this.#none);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.disable(gl.BLEND);
+    bindTexture(gl, 1, this.#black);
+  }
+}

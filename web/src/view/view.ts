@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: MIT
+import type { Stream } from '../client/client.js';
+import type { LevelObject } from '../core/levels.js';
+import { Camera, type Pixel } from './camera.js';
+import { GlSurface } from './gl_surface.js';
+import { LiveSurface, type Drawn } from './live_surface.js';
+import { moved, type Vec3 } from './matrix.js';
+import { pick } from './pick.js';
+import type { Renderer } from './renderer.js';
+import type { Stage } from './stage.js';
+import { COLOURINGS, STYLE, type Colouring, type Style } from './style.js';
+
+/** The smallest part of its vertices that a surface keeps, and how many are never worth saving. */
+const FLOOR = 0.02, FEW = 2000;
+/** What a key changes the largest part by, and its end. */
+const LEVEL_STEP = 1.25, MIN_LEVEL = 1 / 1024;
+const MAX_PIXEL_RATIO = 2;
+
+/** A canvas that shows a stream's surface, drawn by the page's stage. */
+export class View {
+  readonly canvas: HTMLCanvasElement;
+  readonly camera = new Camera();
+  readonly live: LiveSurface;
+  readonly #stage: Stage;
+  readonly #context: CanvasRenderingContext2D;
+  #style: Style = STYLE;
+  #gl: GlSurface | undefined;
+  #lod = 1;
+  #upIsChosen = false;
+  #image: ImageBitmap | undefined;
+  #isDirty = true;
+  #isInSight = true;
+  #isHidden = false;
+  #isPausedStream = false;
+  #colourfulness = 1;
+  /** The surface can be textured from now on. */
+  onImage: () => void = () => {};
+  /** Pictures so far. */
+  drawn = 0;
+
+  constructor(stage: Stage, canvas: HTMLCanvasElement, stream: Stream) {
+    this.#stage = stage;
+    this.canvas = canvas;
+    this.#context = canvas.getContext('2d')!;
+    this.live = new LiveSurface(stream, stage.core, (drawn) => (drawn ? this.#take(drawn) : this.#frame()));
+    stream.on('surface', ({ colours }) => this.#gl?.colour(colours));
+    stream.on('image', (image) => void this.#decode(image));
+    if (stream.image) void this.#decode(stream.image);
+    stage.add(this);
+  }
+  /** The stream stays as it is. */
+  close(): void {
+    this.#stage.remove(this);
+    this.live.close();
+    this.#gl?.free();
+  }
+
+  get style(): Style {
+    return this.#style;
+  }
+  setStyle(change: Partial<Style>): void {
+    this.#style = { ...this.#style, ...change };
+    this.live.isTextured = this.#style.colour === 'textured' && !this.#style.points;
+    this.invalidate();
+  }
+  /** The camera has moved, or something else that the picture shows. */
+  invalidate(): void {
+    this.#isDirty = true;
+  }
+  /** The largest part of its vertices that is drawn. */
+  get lod(): number {
+    return this.#lod;
+  }
+  finer(): void {
+    this.#lod = Math.min(this.#lod * LEVEL_STEP, 1);
+  }
+  coarser(): void {
+    this.#lod = Math.max(this.#lod / LEVEL_STEP, MIN_LEVEL);
+  }
+  nextUp(): void {
+    this.#upIsChosen = true;
+    this.camera.up = ({ x: 'y', y: 'z', z: 'x' } as const)[this.camera.up];
+    this.camera.home();
+    this.invalidate();
+  }
+  get vertices(): number {
+    return this.live.drawn?.rebuilt.level ?? 0;
+  }
+  get faces(): number {
+    return this.#gl?.faces ?? 0;
+  }
+  /** What the surface can show of style's colours. */
+  get colourings(): Colouring[] {
+    return COLOURINGS.filter((colour) => (colour !== 'own' || this.live.surface?.colours) && (colour !== 'textured' || this.#image));
+  }
+  set isInSight(value: boolean) {
+    this.#isInSight = value;
+    this.#pause();
+  }
+  get isInSight(): boolean {
+    return this.#isInSight && !this.#isHidden;
+  }
+  set isHidden(value: boolean) {
+    this.#isHidden = value;
+    this.#pause();
+  }
+
+  /** The point of the surface under a pixel of the canvas, scene units. */
+  pick(pixel: Pixel): Vec3 | undefined {
+    const rebuilt = this.live.drawn?.rebuilt, gl = this.#gl;
+    if (!rebuilt || !gl) return undefined;
+    const { sceneFromSurface, triangles, spacing } = gl;
+    return pick([{ positions: rebuilt.positions, triangles, sceneFromSurface, radius: 1.2 * spacing }], this.camera, pixel);
+  }
+  /** What is to be seen now as a PNG, with or without what is behind. */
+  picture(wall: boolean): Promise<Blob | null> {
+    const canvas = document.createElement('canvas');
+    [canvas.width, canvas.height] = [this.canvas.width, this.canvas.height];
+    this.#stage.draw(canvas.getContext('2d')!, canvas.width, canvas.height, (renderer) =>
+      this.#paint(renderer, { ...this.#style, wall, grid: wall && this.#style.grid }));
+    return new Promise((resolve) => canvas.toBlob(resolve));
+  }
+
+  /** Nothing that was on the GPU is there any more. */
+  forgetSurface(): void {
+    this.#gl = undefined;
+    this.live.forgetDrawn();
+  }
+  /** Follows the size of the canvas on the page. */
+  prepare(): void {
+    const { canvas } = this, ratio = this.#pixelRatio;
+    const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+    if (width !== canvas.width || height !== canvas.height) {
+      [canvas.width, canvas.height] = [width, height];
+      this.invalidate();
+    }
+    this.camera.setViewport(canvas.clientWidth, canvas.clientHeight);
+    const colourfulness = this.live.colourfulness(Date.now());
+    if (colourfulness !== this.#colourfulness) this.invalidate();
+    this.#colourfulness = colourfulness;
+  }
+  /** The most that are drawn of what has arrived. */
+  get maxVertices(): number {
+    const facts = this.live.surface?.facts;
+    return facts ? Math.max(facts.baseCount, Math.min(facts.rowsReady, Math.round(this.#lod * facts.vertexCount))) : 0;
+  }
+  /** Nothing: there is no surface yet. */
+  levelObject(): LevelObject | undefined {
+    const { surface, box } = this.live;
+    if (!surface || !box) return undefined;
+    const { vertexCount, baseCount } = surface.facts, max = this.maxVertices, { camera } = this, eye = camera.position, { centre } = camera;
+    return {
+      max, min: Math.min(max, Math.max(baseCount, FEW, Math.round(FLOOR * vertexCount))), drawn: this.vertices,
+      distance: Math.hypot(eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]),
+      pixels: camera.diameterPx(centre, camera.radius), vertexCost: this.live.isCloud ? 0.5 : 1,
+    };
+  }
+  advance(nowUs: number, level: number): void {
+    this.live.advance(nowUs, level);
+    if (this.#isDirty) this.#draw();
+  }
+
+  get #pixelRatio(): number {
+    return Math.min(devicePixelRatio, MAX_PIXEL_RATIO) * this.#stage.sharpness;
+  }
+  #take({ rebuilt, isCloud, area }: Drawn): void {
+    if (!this.#stage.renderer) return;  // It asks again when it is back.
+    if (!this.#gl) {
+      this.#gl = new GlSurface(this.#stage.gl);
+      this.#gl.colour(this.live.surface?.colours);
+      if (this.#image) this.#gl.texture(this.#image);
+    }
+    this.#gl.upload(rebuilt, isCloud, area);
+    this.#draw();
+  }
+  /** What cannot be decoded leaves the surface as it is. */
+  async #decode(image: Uint8Array): Promise<void> {
+    const options: ImageBitmapOptions = { colorSpaceConversion: 'none', premultiplyAlpha: 'none' }, gl = this.#stage.gl;
+    let bitmap = await createImageBitmap(new Blob([image as BufferSource], { type: image[0] === 0x89 ? 'image/png' : 'image/jpeg' }), options).catch(() => undefined);
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    while (bitmap && Math.max(bitmap.width, bitmap.height) > most)
+      bitmap = await createImageBitmap(bitmap, { ...options, resizeWidth: Math.ceil(bitmap.width / 2), resizeHeight: Math.ceil(bitmap.height / 2) });
+    this.#image = bitmap;
+    if (!bitmap) return;
+    this.#gl?.texture(bitmap);
+    this.invalidate();
+    this.onImage();
+  }
+  /** The camera frames what the scene's box holds. */
+  #frame(): void {
+    const { box, surface, sceneFromSurface } = this.live;
+    if (!box || !surface) return;
+    if (!this.#upIsChosen) this.camera.up = surface.facts.upAxis === 'unknown' ? 'y' : surface.facts.upAxis;
+    const corners = Array.from({ length: 8 }, (_, i) =>
+      moved(sceneFromSurface, [box[i & 1]![0], box[(i >> 1) & 1]![1], box[(i >> 2) & 1]![2]]));
+    const most = (choose: (...values: number[]) => number): Vec3 =>
+      [0, 1, 2].map((axis) => choose(...corners.map((corner) => corner[axis]!))) as unknown as Vec3;
+    this.camera.setScene(most(Math.min), most(Math.max));
+    this.invalidate();
+  }
+  #draw(): void {
+    this.#stage.draw(this.#context, this.canvas.width, this.canvas.height, (renderer) => {
+      this.#paint(renderer, this.#style);
+      this.#isDirty = false;
+      ++this.drawn;
+    });
+  }
+  #paint(renderer: Renderer, style: Style): void {
+    const gl = this.#gl;
+    gl?.place(this.live.sceneFromSurface);
+    if (gl) gl.colourfulness = this.#colourfulness;
+    renderer.draw(gl ? [gl] : [], this.camera, style, this.canvas.width, this.canvas.height, this.#pixelRatio);
+  }
+  #pause(): void {
+    if (this.#isPausedStream === !this.isInSight) return;
+    this.#isPausedStream = !this.isInSight;
+    if (this.#isPausedStream) this.live.stream.pause();
+    else this.live.stream.resume();
+  }
+}

@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: MIT
+//
+// The page in Chromium, with a real broker and real senders (EIGENCAST_BIN).
+import assert from 'node:assert/strict';
+import { spawn, spawnSync } from 'node:child_process';
+import { existsSync, readFileSync, writeFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import { fileURLToPath } from 'node:url';
+import { BIN, Programs } from '../system/programs.mjs';
+import { until } from '../unit/fake_broker.mjs';
+import { CHROMIUM, startChromium } from './chromium.mjs';
+import { CLAY, PRINT, button, hasState } from './looks.mjs';
+import { makePng, readPng, similarity } from './pictures.mjs';
+import { startSite } from './site.mjs';
+
+if (!CHROMIUM) {
+  console.log('no Chromium: deploy/install-packages.sh full');
+  process.exit(77);
+}
+
+const WIDTH = 480, HEIGHT = 300;
+/** A folder for the pictures that are compared, to be looked at. */
+const PICTURES = process.env.EIGENCAST_PICTURES;
+const programs = new Programs();
+const picturePage = {
+  '/picture': '<!doctype html><html lang="en"><title>picture</title><link rel="stylesheet" href="/picture.css"><script type="module" src="/picture.js"></script><body></body></html>',
+  '/picture.css': `body { margin: 0; } .picture { display: block; width: ${WIDTH}px; height: ${HEIGHT}px; }`,
+  '/picture.js': readFileSync(fileURLToPath(new URL('picture_page.mjs', import.meta.url)), 'utf8'),
+};
+let broker, site, chromium;
+before(async () => {
+  broker = await programs.broker();
+  programs.ring(broker, 'still');
+  site = await startSite(broker.port, { pages: picturePage });
+  chromium = await startChromium();
+});
+after(async () => {
+  await chromium?.stop();
+  await site?.stop();
+  programs.stop();
+});
+
+/** A tab of its own; a page that says something on its console fails its test. */
+async function onPage(url, use, { size = [WIDTH, HEIGHT] } = {}) {
+  const tab = await chromium.tab();
+  try {
+    await tab.size(...size);
+    await tab.open(url);
+    await use(tab);
+    assert.deepEqual(tab.console, []);
+  } finally {
+    await tab.close();
+  }
+}
+test('AStreamIsShownFromBeforeItBeginsUntilItsSenderHasGone', async () => {
+  await onPage(`${site.url}/lab/heart`, async (tab) => {
+    await tab.until(hasState('waiting'));
+    assert.match(await tab.evaluate("document.querySelector('.note').innerText"), /Waiting for a sender.*eigencast-sender play heart --to ws:\/\/[^ ]*\/lab\/heart/s);
+    assert.match(await tab.evaluate("document.querySelector('canvas').getAttribute('aria-label')"), /lab\/heart.*waiting for a sender/);
+    const { nodes } = await tab.send('Accessibility.getFullAXTree', {});
+    const nameless = nodes.filter(({ ignored, role, name }) => !ignored && /^(button|link|image|textbox|toolbar)$/.test(role?.value) && !name?.value);
+    assert.deepEqual(nameless, [], 'what a screen reader meets has a name');
+    const sender = programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
+    await tab.until(`${hasState('live')} && document.querySelector('.note').hidden && ${CLAY} > 1000`, 150_000);
+    await sender.stop('SIGKILL');
+    await tab.until("/no data for .* the sender is gone, this is its last pose/.test(document.querySelector('.banner').textContent)");
+    await tab.until(`${CLAY} === 0`);  // Grey.
+    programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
+    await tab.until(`${hasState('live')} && document.querySelector('.banner').hidden && ${CLAY} > 1000`);
+  });
+});
+
+/** By the native viewer: the picture, and the capture time of what it shows. */
+async function nativePicture(name, words) {
+  const out = join(programs.folder, 'native'), record = join(programs.folder, 'shown.jsonl');
+  const client = spawn(join(BIN, 'eigencast-client'), [`ws://127.0.0.1:${broker.port}/${name}`, '--headless', '--frames=1', '--rate=raw', `--size=${WIDTH}x${HEIGHT}`, `--out=${out}`, `--record-shown=${record}`, ...words],
+    { stdio: ['ignore', 'ignore', 'inherit'], env: { ...process.env, EIGENCAST_CACHE: join(programs.folder, 'native-cache') } });
+  const code = await new Promise((resolve) => client.on('exit', resolve));
+  assert.equal(code, 0);
+  const [shown] = readFileSync(record, 'utf8').trim().split('\n').map((line) => JSON.parse(line)).slice(-1);
+  const png = readFileSync(join(out, 'frame_0001.png'));
+  return { shown: String(shown.capture_us), png, picture: readPng(png) };
+}
+
+/** How similar the native viewer's picture is to each that the picture page in `tab` is asked for: [how, style]. */
+async function compared(tab, name, words, ...asked) {
+  const native = await nativePicture(name, words), similar = [];
+  for (const [i, [how, style = {}]] of asked.entries()) {
+    const made = await tab.evaluate(`window.take(${JSON.stringify(how)}, ${JSON.stringify(style)})`), png = Buffer.from(made.png, 'base64');
+    assert.equal(made.shown, native.shown);
+    if (PICTURES) writeFileSync(join(PICTURES, `web${words.join('')}${how}${i}.png`), png), writeFileSync(join(PICTURES, `native${words.join('')}.png`), native.png);
+    similar.push(similarity(native.picture, readPng(png)));
+  }
+  return similar;
+}
+const WITH_CLIENT = { skip: existsSync(join(BIN, 'eigencast-client')) ? false : 'no eigencast-client' };
+
+test('PicturesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
+  await onPage(`${site.url}/picture?stream=still`, async (tab) => {
+    await tab.until('window.isReady()', 150_000);
+    const both = (words, ...asked) => compared(tab, 'still', words, ...asked);
+    const [same, flipped, shadowless] = await both(['--lod=1'], [''], ['flipped'], ['shadowless']);
+    assert.ok(same.mean > 0.99 && same.worst > 0.9, `the same picture: ${JSON.stringify(same)}`);
+    assert.ok(flipped.worst < 0.9, `flipped normals are seen: ${JSON.stringify(flipped)}`);
+    assert.ok(shadowless.worst < 0.9, `a missing shadow is seen: ${JSON.stringify(shadowless)}`);
+    const [points] = await both(['--points'], ['', { points: true }]);
+    assert.ok(points.mean > 0.97, `points: ${JSON.stringify(points)}`);
+    for (const colour of ['normals', 'own']) {
+      const [coloured] = await both([`--colour=${colour}`], ['', { colour }]);
+      assert.ok(coloured.mean > 0.99 && coloured.worst > 0.9, `${colour}: ${JSON.stringify(coloured)}`);
+    }
+    for (const lines of ['edges', 'wireframe']) {
+      const [drawn, without] = await both([`--${lines}`], ['', { [lines]: true }], ['']);
+      assert.ok(drawn.mean > 0.95 && drawn.mean > without.mean + 0.01, `${lines}: ${JSON.stringify([drawn, without])}`);
+    }
+  });
+});
+
+test('ImagesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
+  const image = makePng(64, 32, (x, y) => ((x >> 3) + (y >> 3)) % 2 ? [230, 40 + 3 * x, 30] : [40, 90, 40 + 6 * y]);
+  programs.ring(broker, 'textured', image);
+  await onPage(`${site.url}/picture?stream=textured`, async (tab) => {
+    await tab.until("window.isReady() && view.colourings.includes('textured')", 150_000);
+    const [same, plain] = await compared(tab, 'textured', ['--colour=textured'], ['rebuilt', { colour: 'textured' }], ['']);
+    assert.ok(same.mean > 0.99 && same.worst > 0.9, `textured: ${JSON.stringify([same, plain])}`);
+    assert.ok(plain.mean < 0.97, `its image is seen: ${JSON.stringify([same, plain])}`);
+    await tab.evaluate('for (let i = 0; i < 5; ++i) view.coarser()');
+    await tab.until(`view.vertices === ${Math.round(0.8 ** 5 * 960)}`);
+    const [coarse] = await compared(tab, 'textured', ['--colour=textured', `--lod=${0.8 ** 5}`], ['rebuilt', { colour: 'textured' }]);
+    assert.ok(coarse.mean > 0.99 && coarse.worst > 0.9, `textured and coarse: ${JSON.stringify(coarse)}`);
+  });
+});
+
+test('TheCameraFollowsKeysAndPointers', async () => {
+  await onPage(`${site.url}/still?rate=raw`, async (tab) => {
+    await tab.until(`${hasState('live')} && ${CLAY} > 1000`, 150_000);
+    await tab.evaluate(`${button('pause')}.click()`);
+    assert.equal(await tab.evaluate(`${button('pause')}.getAttribute('aria-pressed')`), 'true');
+    // The level of detail comes to rest.
+    let home;
+    await until(async () => {
+      const before = home;
+      home = await tab.evaluate(PRINT);
+      await new Promise((resolve) => setTimeout(resolve, 500));
+      return before === home && home === await tab.evaluate(PRINT);
+    });
+    const moves = {
+      arrow: () => tab.key('ArrowRight'), near: () => tab.key('PageUp'),
+      drag: async () => {
+        await tab.mouse('mousePressed', 200, 150, { button: 'left', buttons: 1, clickCount: 1 });
+        await tab.mouse('mouseMoved', 260, 170, { button: 'left', buttons: 1 });
+        await tab.mouse('mouseReleased', 260, 170, { button: 'left', clickCount: 1 });
+      },
+      touch: async () => {
+        await tab.touch('touchStart', [200, 150]);
+        await tab.touch('touchMove', [260, 180]);
+        await tab.touch('touchEnd');
+      },
+      pinch: async () => {
+        await tab.touch('touchStart', [200, 150], [280, 150]);
+        await tab.touch('touchMove', [180, 150], [300, 150]);
+        await tab.touch('touchEnd');
+      },
+      wheel: () => tab.mouse('mouseWheel', 240, 150, { deltaX: 0, deltaY: -200 }),
+    };
+    for (const [name, move] of Object.entries(moves)) {
+      await move();
+      await tab.until(`${PRINT} !== ${home}`).catch((error) => assert.fail(`${name}: ${error.message}`));
+      await tab.key('r');
+      await tab.until(`${PRINT} === ${home}`).catch((error) => assert.fail(`back from ${name}: ${error.message}`));
+    }
+    await tab.key('h');
+    assert.match(await tab.until("document.querySelector('dialog').open && document.querySelector('dialog').innerText"), /Space[\s\S]*pause: on/);
+  });
+});
+
+test('HiddenPagesTakeNoPoses', async () => {
+  programs.sender(broker, 'lab/moving', 'heart', '--rank', '24');
+  await onPage(`${site.url}/picture?stream=lab/moving`, async (tab) => {
+    const keys = 'view.live.stream.status.counts.keys + view.live.stream.status.counts.joins';
+    const hide = (isHidden) => tab.evaluate(`Object.defineProperty(document, 'hidden', { configurable: true, get: () => ${isHidden} }); document.dispatchEvent(new Event('visibilitychange'))`);
+    await tab.until(`window.isReady() && ${keys} > 3`, 150_000);
+    await hide(true);
+    await until(async () => {
+      const before = await tab.evaluate(keys);
+      await new Promise((resolve) => setTimeout(resolve, 1500));
+      return before === await tab.evaluate(keys);
+    }, 'no more poses');
+    const before = await tab.evaluate(keys);
+    await hide(false);
+    await tab.until(`${keys} > ${before} && view.live.stream.status.state === 'live'`);
+    assert.equal(await tab.evaluate('view.live.stream.status.reconnects'), 0);
+  });
+});
+
+test('TheListShowsEachStream', async () => {
+  await onPage(`${site.url}/`, async (tab) => {
+    await tab.until("[...document.querySelectorAll('.streams dt')].some((name) => name.textContent === 'still')");
+    await tab.until(`${CLAY} > 50`);
+    assert.equal(await tab.evaluate("[...document.querySelectorAll('.streams a')].find((a) => a.textContent.includes('still')).href"), `${site.url}/still`);
+  });
+});
+
+test('TokensLeaveTheAddressAndAreAskedForWhereTheyAreMissing', async () => {
+  const made = spawnSync(join(BIN, 'eigencast-broker'), ['token', 'create', '--static', '--subject=viewer', '--subscribe=lab/*'], { encoding: 'utf8' });
+  const tokens = join(programs.folder, 'tokens'), token = made.stdout.trim();
+  writeFileSync(tokens, `${made.stderr.trim().split('\n').at(-1)}\n`, { mode: 0o600 });
+  const closed = await programs.broker(0, '--access-anonymous=nowhere', `--access-tokens-file=${tokens}`);
+  const gate = await startSite(closed.port, { prefix: '/behind/a/proxy' });
+  const tab = await chromium.tab();
+  await tab.open(`${gate.url}/lab/x#access_token=${token}`);
+  await tab.until(hasState('waiting'));
+  assert.equal(await tab.evaluate('location.href'), `${gate.url}/lab/x`);
+  await tab.close();
+  const stranger = await chromium.tab();
+  await stranger.open(`${gate.url}/lab/x`);
+  await stranger.until("/takes a token/.test(document.querySelector('.note').innerText)");
+  await stranger.evaluate(`(() => { document.querySelector('.note input').value = ${JSON.stringify(token)}; document.querySelector('.note form').requestSubmit(); })()`);
+  await stranger.until(hasState('waiting'));
+  assert.equal(await stranger.evaluate('location.href'), `${gate.url}/lab/x`);
+  await stranger.close();
+  await gate.stop();
+});
+
+test('AddressesThatCannotBeMeantAreRefusedWithWords', async () => {
+  for (const [path, said] of [['/not%20a%20name', /stream name "not a name"/], ['/%zz', /cannot start/], ['/still?rate=fast', /rate is 'fast'; known: raw/]]) {
+    const tab = await chromium.tab();
+    await tab.open(site.url + path);
+    assert.match(await tab.until("document.querySelector('.note')?.innerText"), said);
+    await tab.close();
+  }
+});
+
+test('WhatIsLostComesBack', async () => {
+  await onPage(`${site.url}/picture?stream=still`, async (tab) => {
+    await tab.until('window.isReady()', 150_000);
+    await tab.evaluate("(window.loser = stage.gl.getExtension('WEBGL_lose_context')).loseContext()");
+    await tab.until('stage.renderer === undefined');
+    await tab.evaluate('window.loser.restoreContext()');
+    await tab.until(`stage.renderer !== undefined && (view.invalidate(), ${CLAY} > 1000)`);
+    tab.console.length = 0;  // Chromium says that a context was lost.
+    await tab.evaluate("document.querySelector('canvas').getContext('2d').clearRect(0, 0, 9999, 9999)");
+    site.cut();
+    await tab.until("view.live.stream.status.reconnects === 1 && view.live.stream.status.state === 'live'");
+    await tab.until(`(view.invalidate(), ${CLAY} > 1000)`);
+  });
+});
+
+test('ElementsShowStreamsInPagesOfOtherOrigins', async () => {
+  const open = await programs.broker(0, '--access-origins=*'), itsSite = await startSite(open.port);
+  programs.ring(open, 'still');
+  const element = (name, more = '') => `<eigencast-view src="${itsSite.url}/${name}?rate=raw" ${more}></eigencast-view>`;
+  const page = `<!doctype html><html lang="en"><title>anybody's</title><style>eigencast-view { width: 200px; }</style>
+    <script type="module" src="${itsSite.url}/v1/web/element.js"></script><body>${element('still')}${element('still', 'colour="normals" still')}${element('not/there')}</body></html>`;
+  const other = await startSite(open.port, { pages: { '/': page }, hasPolicy: false });
+  await onPage(`${other.url}/`, async (tab) => {
+    await tab.until(`${CLAY} > 200`, 150_000);
+    await tab.until("document.querySelectorAll('eigencast-view')[1].view?.vertices === 960");
+    await tab.until("/waiting for a sender/.test(document.querySelectorAll('eigencast-view')[2].shadowRoot.textContent)");
+    // Another stream, and none.
+    await tab.evaluate("document.querySelectorAll('eigencast-view')[2].setAttribute('src', document.querySelector('eigencast-view').getAttribute('src'))");
+    await tab.until("document.querySelectorAll('eigencast-view')[2].view?.vertices === 960");
+    await tab.evaluate("document.body.replaceChildren()");
+  });
+  await other.stop();
+  await itsSite.stop();
+});
+
+test('EmbeddedPagesHaveNoControls', async () => {
+  await onPage(`${site.url}/still?embed=1`, async (tab) => {
+    await tab.until(`${CLAY} > 1000`, 150_000);
+    assert.equal(await tab.evaluate("getComputedStyle(document.querySelector('.tools')).display"), 'none');
+    assert.equal(await tab.evaluate("document.querySelector('.open').href"), `${site.url}/still`);
+  });
+});

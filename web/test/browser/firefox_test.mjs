@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+//
+// The page in Firefox, with a real broker and real senders (EIGENCAST_BIN): what another engine might do otherwise.
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import { Programs } from '../system/programs.mjs';
+import { FIREFOX, startFirefox } from './firefox.mjs';
+import { CLAY, PRINT, button, hasState } from './looks.mjs';
+import { startSite } from './site.mjs';
+
+if (!FIREFOX) {
+  console.log('no Firefox, or no Xvfb: deploy/install-packages.sh full');
+  process.exit(77);
+}
+
+const programs = new Programs();
+let broker, site, firefox;
+before(async () => {
+  broker = await programs.broker();
+  programs.ring(broker, 'still');
+  site = await startSite(broker.port);
+  firefox = await startFirefox();
+});
+after(async () => {
+  await firefox?.stop();
+  await site?.stop();
+  programs.stop();
+});
+
+/** A tab of its own; a page that says something on its console fails its test. */
+async function onPage(path, use) {
+  const tab = await firefox.tab();
+  try {
+    await tab.size(480, 300);
+    await tab.open(site.url + path);
+    await use(tab);
+    assert.deepEqual(tab.console, []);
+  } finally {
+    await tab.close();
+  }
+}
+
+test('TheListLeadsToAStream', async () => {
+  await onPage('/', async (tab) => {
+    await tab.until(`[...document.querySelectorAll('.streams dt')].some((name) => name.textContent === 'still') && ${CLAY} > 50`, 150_000);
+    await tab.evaluate("[...document.querySelectorAll('.streams a')].find((a) => a.textContent.includes('still')).click()");
+    await tab.until(`location.pathname === '/still' && ${hasState('live')} && ${CLAY} > 1000`);
+    await tab.evaluate(`${button('pause')}.click()`);
+    await tab.until(`${button('pause')}.getAttribute('aria-pressed') === 'true'`);
+    const print = await tab.evaluate(PRINT);
+    await tab.key('ArrowRight');
+    await tab.until(`${PRINT} !== ${print}`);
+  });
+});
+
+test('AStreamMovesFromItsBeginningUntilItsSenderHasGone', async () => {
+  await onPage('/lab/heart', async (tab) => {
+    await tab.until(hasState('waiting'));
+    const sender = programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
+    await tab.until(`${hasState('live')} && document.querySelector('.note').hidden && ${CLAY} > 1000`, 150_000);
+    const print = await tab.evaluate(PRINT);
+    await tab.until(`${PRINT} !== ${print}`);
+    await sender.stop('SIGKILL');
+    await tab.until("/the sender is gone, this is its last pose/.test(document.querySelector('.banner').textContent)");
+  });
+});

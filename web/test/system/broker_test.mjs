@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: MIT
+//
+// The client with a real broker and a real sender, whose programs are in the folder EIGENCAST_BIN; by a worker, too.
+import assert from 'node:assert/strict';
+import { spawnSync } from 'node:child_process';
+import { writeFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import { pathToFileURL } from 'node:url';
+import { Worker as NodeWorker } from 'node:worker_threads';
+import { FrameDecoder, stepSize } from '../../../sdk/js/frames.mjs';
+import { environment, until, ws } from '../unit/fake_broker.mjs';
+import { BUILD, internals, sameBits, wasm } from '../unit/support.mjs';
+import { BIN, Programs } from './programs.mjs';
+
+const { connect, watch } = internals;
+const programs = new Programs();
+const startBroker = (...given) => programs.broker(...given);
+const startSender = (broker, name, ...more) => programs.sender(broker, name, 'heart', '--rank', '24', ...more);
+
+let shared, sender;
+before(async () => {
+  shared = await startBroker();
+  sender = startSender(shared, 'lab/heart');
+});
+after(() => programs.stop());
+
+const options = { core: wasm, worker: false, environment };
+const urlOf = (broker, path = '') => `http://127.0.0.1:${broker.port}${path}`;
+
+test('StreamsAreListedAndWatched', async () => {
+  const broker = await connect(urlOf(shared), options);
+  const [listed] = await until(async () => {
+    const all = await broker.streams();
+    return all.length > 0 && all;
+  }, 'the stream in the list', 150_000);
+  assert.equal(listed.stream, 'lab/heart');
+  const stream = broker.watch(listed.stream);
+  await until(() => stream.surface?.isComplete && stream.status.state === 'live' && stream.pose, 'a whole surface, live');
+  assert.equal(stream.surface.asset, listed.asset);
+  assert.equal(stream.surface.facts.rank, 24);
+  const made = await stream.rebuild({ coefficients: stream.pose.coefficients, channels: stream.pose.channels });
+  assert.equal(made.vertices, stream.surface.facts.vertexCount);
+  assert.ok(made.positions.every(Number.isFinite) && made.normals.every(Number.isFinite));
+  broker.close();
+});
+
+test('PosesAreThoseThatTheReferenceDecoderReads', async () => {
+  for (const query of ['rate=raw', 'rate=interpolated', 'rate=interpolated&k=4&scheme=catmull-rom', 'rate=estimated']) {
+    const expected = new Map();
+    let decoder, previousUs = 0n, newestUs = 0n;
+    const socket = new ws.WebSocket(`ws://127.0.0.1:${shared.port}/v1/subscribe/lab/heart?${query}`, 'eigencast.v2');
+    socket.on('message', (data, isBinary) => {
+      const message = isBinary ? undefined : JSON.parse(String(data));
+      if (message?.op === 'stream' && message.format) decoder = new FrameDecoder({ ...message.format, scheme: message.profile.scheme ?? (message.profile.rate === 'estimated' ? 'damped' : 'linear') });
+      if (!isBinary || !decoder) return;
+      const frame = decoder.decode(new Uint8Array(data));
+      if (frame?.kind === 'join' || frame?.kind === 'key') [previousUs, newestUs] = [frame.kind === 'join' ? frame.captureUs - frame.ageUs : newestUs, frame.captureUs];
+      const isAhead = ((frame?.flags ?? 0) & 1) !== 0, key = isAhead ? frame.shown : (frame?.pose ?? frame?.newer);
+      const shownUs = isAhead ? previousUs + ((newestUs - previousUs) * BigInt(frame.at)) / BigInt(frame.of || 1) : frame?.captureUs;
+      if (key) expected.set(`${isAhead ? 'step' : frame.kind} ${frame.sequence} ${shownUs}`, { bands: key.bands, values: Array.from(key.values, (q) => q * stepSize(key.step)) });
+    });
+    const stream = await watch(urlOf(shared, `/lab/heart?${query}`), options);
+    let same = 0, poses = [];
+    stream.on('pose', (pose) => poses.push(pose));
+    /** The reference may come later, or was dropped there. */
+    const isUnmatched = (pose) => {
+      const reference = expected.get(`${pose.kind} ${pose.sequence} ${pose.captureUs}`);
+      if (!reference) return true;
+      // On a busy machine the broker may leave bands out for one of the two.
+      pose.bandEnds.forEach((end, b) => {
+        if (((pose.bands & reference.bands) >> b & 1) === 0) return;
+        const first = pose.channels * (pose.bandEnds[b - 1] ?? 0), last = pose.channels * end;
+        assert.ok(sameBits(pose.coefficients.subarray(first, last), reference.values.slice(first, last)), `${query}: ${pose.kind} ${pose.captureUs}, band ${b}`);
+      });
+      ++same;
+      return false;
+    };
+    try {
+      await until(() => {
+        poses = poses.filter(isUnmatched);
+        return same >= 20;
+      }, `twenty poses of ${query}`, 150_000);
+    } finally {
+      socket.terminate();
+      stream.close();
+    }
+  }
+});
+
+test('AnotherProfileIsGivenWithoutANewConnection', async () => {
+  const stream = await watch(urlOf(shared, '/lab/heart'), options);
+  await until(() => stream.info?.state === 'live');
+  assert.equal(stream.info.profile.rate, 'interpolated');
+  stream.setProfile({ rate: 'raw', bands: 1 });
+  await until(() => stream.info.profile.rate === 'raw');
+  assert.equal(stream.info.profile.bands, 1);
+  await until(() => stream.pose?.bands === 1);
+  const { rest } = stream.surface;
+  const first = 3 * stream.pose.bandEnds[0];
+  assert.deepEqual(Array.from(stream.pose.coefficients.subarray(first)), Array.from(rest.subarray(first)), 'absent bands are those of the rest pose');
+  assert.equal(stream.status.reconnects, 0);
+  stream.close();
+});
+
+test('ASenderThatEndsLeavesItsLastPose', async () => {
+  const leaving = startSender(shared, 'lab/leaving');
+  const stream = await watch(urlOf(shared, '/lab/leaving'), options);
+  await until(() => stream.status?.state === 'live' && stream.pose);
+  await leaving.stop('SIGKILL');
+  await until(() => stream.status.state === 'stalled', 'stalled');
+  startSender(shared, 'lab/leaving');
+  await until(() => stream.status.state === 'live', 'live again');
+  stream.close();
+});
+
+test('ABrokerThatComesBackIsFound', async () => {
+  const first = await startBroker();
+  startSender(first, 'x');
+  const stream = await watch(urlOf(first, '/x'), options);
+  await until(() => stream.status?.state === 'live' && stream.pose);
+  await first.stop();
+  await until(() => stream.status.state === 'lost', 'lost');
+  assert.match(stream.status.detail, /next try in/);
+  await startBroker(first.port);
+  const before = stream.pose;
+  await until(() => stream.status.state === 'live' && stream.pose !== before, 'live again');
+  assert.equal(stream.status.reconnects, 1);
+  stream.close();
+});
+
+test('TokensAreAskedForGivenAndRefusedWithWords', async () => {
+  const made = spawnSync(join(BIN, 'eigencast-broker'), ['token', 'create', '--static', '--subject=viewer', '--subscribe=lab/*'], { encoding: 'utf8' });
+  const tokens = join(programs.folder, 'tokens');
+  writeFileSync(tokens, `${made.stderr.trim().split('\n').at(-1)}\n`, { mode: 0o600 });
+  const process = await startBroker(0, '--access-anonymous=nowhere', `--access-tokens-file=${tokens}`);
+  const stranger = await watch(urlOf(process, '/lab/x'), options);
+  await until(() => stranger.status?.state === 'refused', 'a refusal');
+  assert.match(stranger.status.detail, /answered 401.*give a token.*next try in/);
+  await assert.rejects((await connect(urlOf(process), options)).streams(), { message: /401/ });
+  const wrong = await watch(urlOf(process, '/lab/x'), { ...options, token: 'wrong' });
+  await until(() => wrong.status?.state === 'refused', 'a refusal');
+  assert.match(wrong.status.detail, /answered 401.*does not do/);
+  const viewer = await watch(urlOf(process, `/lab/x?access_token=${made.stdout.trim()}`), options);
+  await until(() => viewer.status?.state === 'waiting', 'the right to watch');
+  const elsewhere = await watch(urlOf(process, '/other'), { ...options, token: made.stdout.trim() });
+  await until(() => elsewhere.status?.state === 'refused', 'a refusal');
+  assert.match(elsewhere.status.detail, /answered 403/);
+  for (const one of [stranger, wrong, viewer, elsewhere]) one.close();
+});
+
+test('AWorkerDoesTheSame', async () => {
+  const wrapper = join(programs.folder, 'wrapper.mjs');
+  writeFileSync(wrapper, `
+    import { parentPort } from 'node:worker_threads';
+    globalThis.WebSocket = (await import('ws').catch(() => import(${JSON.stringify('/usr/share/nodejs/ws/wrapper.mjs')}))).WebSocket;
+    globalThis.postMessage = (message, transfer) => parentPort.postMessage(message, transfer);
+    await import(${JSON.stringify(String(pathToFileURL(join(BUILD, 'worker.js'))))});
+    parentPort.on('message', (data) => globalThis.onmessage({ data }));`);
+  const node = new NodeWorker(wrapper);
+  const worker = { postMessage: (message, transfer) => node.postMessage(message, transfer), terminate: () => node.terminate(), onmessage: undefined };
+  node.on('message', (data) => worker.onmessage?.({ data }));
+  const broker = await connect(urlOf(shared), { core: wasm, worker, environment });
+  const stream = broker.watch('lab/heart');
+  await until(() => stream.surface?.isComplete && stream.pose, 'a pose by the worker');
+  const made = await stream.rebuild({ coefficients: stream.pose.coefficients, channels: stream.pose.channels });
+  const again = await stream.rebuild({
+    coefficients: stream.pose.coefficients, channels: stream.pose.channels, room: { positions: made.positions.buffer, normals: made.normals.buffer }, trianglesVersion: made.trianglesVersion,
+  });
+  assert.equal(made.positions.byteLength, 0, 'the buffer went round');
+  assert.equal(again.positions.length, 3 * stream.surface.facts.vertexCount);
+  broker.close();
+});

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+import { spawn } from 'node:child_process';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { basename, join } from 'node:path';
+import { until } from '../unit/fake_broker.mjs';
+
+/** The folder with the programs; ends a test that has none as skipped. */
+export const BIN = process.env.EIGENCAST_BIN;
+if (!BIN || !existsSync(join(BIN, 'eigencast-broker'))) {
+  console.log('EIGENCAST_BIN has no eigencast-broker');
+  process.exit(77);
+}
+
+/** Programs of a test, and a folder that goes with them. */
+export class Programs {
+  folder = mkdtempSync(join(tmpdir(), 'eigencast-web-'));
+  #children = new Set();
+  #names = 0;
+
+  start(program, ...words) {
+    return this.#spawn(program, words, 'ignore');
+  }
+  #spawn(program, words, stdin) {
+    const environment = { ...process.env, EIGENCAST_TOKEN: '', EIGENCAST_CACHE: process.env.EIGENCAST_CACHE ?? join(this.folder, 'cache') };
+    const child = spawn(join(BIN, program), words, { stdio: [stdin, 'ignore', 'inherit'], env: environment });
+    this.#children.add(child);
+    child.ended = new Promise((resolve) => child.on('exit', (code) => (this.#children.delete(child), resolve(code))));
+    child.stop = async (signal = 'SIGTERM') => {
+      child.kill(signal);
+      await child.ended;
+    };
+    return child;
+  }
+  /** A broker of its own; more: options. */
+  async broker(port = 0, ...more) {
+    const file = join(this.folder, `port${++this.#names}`), data = join(this.folder, `data${this.#names}`);
+    const process = this.start('eigencast-broker', `--listen=127.0.0.1:${port}`, '--admin-listen=127.0.0.1:0', `--port-file=${file}`, `--data-dir=${data}`, '--log-level=error', ...more);
+    const text = await until(() => existsSync(file) && /\n$/.test(readFileSync(file, 'utf8')) && readFileSync(file, 'utf8'), 'the port of the broker');
+    return { ...process, stop: process.stop, port: Number(text.split(/\s/)[0]) };
+  }
+  /** what: an input of `play`, and its options. */
+  sender(broker, name, ...what) {
+    return this.start('eigencast-sender', 'play', ...what, '--to', `ws://127.0.0.1:${broker.port}/${name}`, '--no-progress');
+  }
+  /** A bumpy ring that stands still in a pose of its own, live: 960 vertices, with colours, or with an image (a PNG). */
+  ring(broker, name, image) {
+    const AROUND = 48, ACROSS = 20, rest = [], posed = [], faces = [], uvs = [];
+    for (let i = 0; i < AROUND; ++i) {
+      for (let k = 0; k < ACROSS; ++k) {
+        const u = (2 * Math.PI * i) / AROUND, v = (2 * Math.PI * k) / ACROSS, r = 0.35 + 0.08 * Math.sin(3 * u);
+        const out = 1 + r * Math.cos(v), point = [out * Math.cos(u), r * Math.sin(v), out * Math.sin(u)];
+        rest.push(point);
+        posed.push(point[0], point[1] + 0.3 * point[0] * point[0], 1.2 * point[2]);
+        const corner = (a, b) => `${((i + a) % AROUND) * ACROSS + ((k + b) % ACROSS) + 1}/${(i + a) * (ACROSS + 1) + k + b + 1}`;
+        faces.push(`f ${corner(0, 0)} ${corner(0, 1)} ${corner(1, 1)}`, `f ${corner(0, 0)} ${corner(1, 1)} ${corner(1, 0)}`);
+      }
+    }
+    for (let i = 0; i <= AROUND; ++i) for (let k = 0; k <= ACROSS; ++k) uvs.push(`vt ${i / AROUND} ${k / ACROSS}`);
+    const base = join(this.folder, `ring${++this.#names}`), mesh = `${base}.obj`;
+    const colours = (point) => (image ? '' : ` ${point.map((x) => 0.5 + 0.3 * x).join(' ')}`);
+    writeFileSync(mesh, [...(image ? [`mtllib ${basename(base)}.mtl`] : []), ...rest.map((point) => `v ${point.join(' ')}${colours(point)}`), ...uvs, ...(image ? ['usemtl skin'] : []), ...faces, ''].join('\n'));
+    if (image) {
+      writeFileSync(`${base}.png`, image);
+      writeFileSync(`${base}.mtl`, `newmtl skin\nmap_Kd ${basename(base)}.png\n`);
+    }
+    const sender = this.#spawn('eigencast-sender', ['pipe', '--mesh', mesh, '--rank', '48', '--to', `ws://127.0.0.1:${broker.port}/${name}`], 'pipe');
+    sender.stdin.write(Buffer.from(Float32Array.from(posed).buffer));
+    return sender;
+  }
+  stop() {
+    for (const child of this.#children) child.kill('SIGKILL');
+    rmSync(this.folder, { recursive: true, force: true, maxRetries: 5 });
+  }
+}

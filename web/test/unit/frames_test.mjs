@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+//
+// Frames: the core against the golden files, which the native codec wrote, and against sdk/js/frames.mjs, which was written from
+// docs/protocol.md alone.
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { FrameDecoder, ProtocolError, stepSize } from '../../../sdk/js/frames.mjs';
+import { goldenStreams, internals, joinOf, makeCore, sameBits } from './support.mjs';
+
+const { Frames, streamIdOf } = internals;
+const core = await makeCore();
+const EPOCH = 3;
+
+/** A Frames that follows a golden stream. */
+function following(stream) {
+  const frames = new Frames(core);
+  const { stream_id: id, tag } = stream.expected[0];
+  frames.begin(id, tag, EPOCH, stream.format, stream.scheme);
+  return frames;
+}
+
+/** What a decoded frame of the reference, or an expected one, shows. */
+function shownOf(frame) {
+  return frame.shown ?? ((frame.flags & 1) !== 0 ? undefined : (frame.pose ?? frame.newer));
+}
+
+function coefficientsOf(key, codec) {
+  return codec === 'quantised' ? Array.from(key.values, (q) => q * stepSize(key.step)) : Array.from(key.values);
+}
+
+for (const stream of goldenStreams()) {
+  test(`${stream.name}: PosesAreThoseOfTheNativeCodec`, () => {
+    const frames = following(stream);
+    let ahead;
+    stream.frames.forEach((bytes, i) => {
+      const expected = stream.expected[i];
+      const { head, coefficients, integers, step, error, shownUs, next } = frames.decode(bytes);
+      assert.equal(error, undefined);
+      assert.equal(head.kind, expected.kind);
+      assert.deepEqual([head.at, head.of, head.streamId, head.epoch, head.sequence, head.captureUs],
+        [expected.at, expected.of, expected.stream_id, EPOCH, BigInt(expected.sequence), BigInt(expected.capture_us)]);
+      assert.equal(head.ahead, (expected.flags & 1) !== 0);
+      if (head.ahead) ahead = expected;
+      const pose = shownOf(expected);
+      if (!pose) return assert.equal(coefficients, undefined);
+      if (ahead) {
+        const key = ahead.pose ?? ahead.newer;
+        assert.deepEqual([next.captureUs, next.bands], [BigInt(ahead.capture_us), key.bands]);
+        assert.ok(sameBits(next.coefficients, coefficientsOf(key, stream.format.codec)));
+        assert.ok(shownUs < next.captureUs);
+        ahead = undefined;
+      } else {
+        assert.deepEqual([next, shownUs], [undefined, head.captureUs]);
+      }
+      assert.equal(head.bands, pose.bands);
+      if (stream.format.codec === 'quantised') {
+        assert.deepEqual([step, Array.from(integers)], [pose.step, pose.values]);
+      } else {
+        assert.equal(integers, undefined);
+      }
+      assert.ok(sameBits(coefficients, coefficientsOf(pose, stream.format.codec)));
+    });
+    frames.free();
+  });
+
+  test(`${stream.name}: PosesAreThoseOfTheReferenceDecoder`, () => {
+    const frames = following(stream);
+    const reference = new FrameDecoder(stream.given);
+    for (const bytes of stream.frames) {
+      const { coefficients } = frames.decode(bytes);
+      const shown = shownOf(reference.decode(bytes));
+      assert.equal(coefficients !== undefined, shown !== undefined);
+      if (shown) assert.ok(sameBits(coefficients, coefficientsOf(shown, stream.format.codec)));
+    }
+    frames.free();
+  });
+
+  test(`${stream.name}: NoTruncationIsTaken`, () => {
+    const frames = following(stream);
+    stream.frames.forEach((bytes, i) => {
+      const again = () => {
+        frames.restart();
+        for (const before of stream.frames.slice(0, i)) frames.decode(before);
+      };
+      for (let size = 0; size < bytes.length; ++size) {
+        again();
+        assert.ok(frames.decode(bytes.subarray(0, size)).error, `frame ${i}, ${size} of ${bytes.length} bytes`);
+      }
+      again();
+      assert.ok(frames.decode(Uint8Array.of(...bytes, 0)).error, `frame ${i} with one byte more`);
+    });
+    frames.free();
+  });
+
+  test(`${stream.name}: DamagedFramesDecodeAsTheReferenceSays`, () => {
+    const frames = following(stream);
+    let state = 12345;
+    const random = (below) => (state = (Math.imul(state, 1103515245) + 12345) >>> 0, Math.floor((state / 2 ** 32) * below));
+    for (let round = 0; round < 300; ++round) {
+      const i = random(stream.frames.length), damaged = stream.frames[i].slice();
+      for (let n = 1 + random(3); n > 0; --n) damaged[random(damaged.length)] ^= 1 << random(8);
+      const reference = new FrameDecoder(stream.given);
+      frames.restart();
+      for (const before of stream.frames.slice(0, i)) {
+        frames.decode(before);
+        reference.decode(before);
+      }
+      let frame = null;
+      try {
+        frame = reference.decode(damaged);
+      } catch (error) {
+        assert.ok(error instanceof ProtocolError);
+      }
+      const { coefficients } = frames.decode(damaged);
+      const { stream_id: id, tag } = stream.expected[0];
+      if (frame && (frame.streamId !== id || frame.tag !== tag)) {
+        assert.equal(coefficients, undefined);  // The reference does not look at them.
+        continue;
+      }
+      const shown = frame ? shownOf(frame) : undefined;
+      assert.equal(coefficients !== undefined, shown !== undefined, `frame ${i}, round ${round}`);
+      if (shown) assert.ok(sameBits(coefficients, coefficientsOf(shown, stream.format.codec)));
+    }
+    frames.free();
+  });
+}
+
+test('FramesOfAnotherTagAreCountedNotShown', () => {
+  const stream = goldenStreams()[0];
+  const frames = new Frames(core);
+  frames.begin(stream.expected[0].stream_id, stream.expected[0].tag ^ 1, EPOCH, stream.format, stream.scheme);
+  const { head, coefficients, error } = frames.decode(stream.frames[0]);
+  assert.deepEqual([head, coefficients, error], [undefined, undefined, undefined]);
+  assert.deepEqual(frames.counts, { keys: 0, synthetic: 0, joins: 0, rejected: 1, missed: 0 });
+  frames.free();
+});
+
+test('FormatsOutOfRangeAreRefused', () => {
+  const frames = new Frames(core);
+  const good = { rows: 4, channels: 3, band_ends: [2, 4], codec: 'quantised', velocity_channels: 0, velocity_us: 1_000_000, scalars: [] };
+  const scalar = { scale: 1 };
+  frames.begin(1, 1, 1, good, 'linear');
+  frames.begin(1, 1, 1, { ...good, channels: 16, scalars: new Array(13).fill(scalar) }, 'linear');
+  for (const wrong of [{ rows: 0 }, { rows: 5000, band_ends: [5000] }, { channels: 17 }, { band_ends: [] }, { band_ends: [4, 2] },
+    { band_ends: [1, 2, 3] }, { velocity_channels: 2 }, { velocity_us: 0 }, { band_ends: [1, 2, 3, 4, 5, 6, 7, 8, 9], rows: 9 }, { scalars: [scalar] },
+    { channels: 4, scalars: [{ scale: 0 }] }, { channels: 4, scalars: [{ scale: NaN }] }, { channels: 4, scalars: new Array(17).fill(scalar) }]) {
+    assert.throws(() => frames.begin(1, 1, 1, { ...good, ...wrong }, 'linear'), { code: 'invalid-argument' }, JSON.stringify(wrong));
+  }
+  frames.free();
+});
+
+test('ScalarsComeInTheSendersUnits', () => {
+  const format = { rows: 2, channels: 5, band_ends: [2], codec: 'float64', velocity_channels: 0, velocity_us: 1, scalars: [{ scale: 4 }, { scale: 0.5 }] };
+  const frames = new Frames(core);
+  frames.begin(7, 5, EPOCH, format, 'linear');
+  assert.deepEqual(Array.from(frames.decode(joinOf(format, 1, 1, 2)).coefficients), [2, 2, 2, 0.5, 4, 2, 2, 2, 0.5, 4]);
+  frames.free();
+});
+
+test('AKeyAheadOfAllItsPosesComesWithTheFirstOfThem', () => {
+  const format = { rows: 1, channels: 3, band_ends: [1], codec: 'float64', velocity_channels: 0, velocity_us: 1, scalars: [] };
+  const frames = new Frames(core);
+  frames.begin(7, 5, EPOCH, format, 'linear');
+  const { head, coefficients, next } = frames.decode(joinOf(format, 9, 2000, 3, { ageUs: 1000, ahead: 0 }));
+  assert.deepEqual([head.ahead, coefficients, next], [true, undefined, undefined]);
+  const step = frames.decode(Uint8Array.of(3, 7, 5, 9, 0x12));
+  assert.deepEqual([step.shownUs, step.next.captureUs, Array.from(step.next.coefficients)], [1500n, 2000n, [3, 3, 3]]);
+  frames.free();
+});
+
+test('StreamIdsAreReadFromFramesAlone', () => {
+  const stream = goldenStreams()[0];
+  assert.equal(streamIdOf(core, stream.frames[0]), stream.expected[0].stream_id);
+  assert.equal(streamIdOf(core, stream.frames[0].subarray(0, 4)), undefined);
+  assert.equal(streamIdOf(core, new Uint8Array()), undefined);
+});

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: MIT
+import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { test } from 'node:test';
+import { gzipSync } from 'node:zlib';
+import { essl } from '../../shaders.mjs';
+import { BUILD, internals } from './support.mjs';
+
+const { bannerOf, Camera, figureLines, linkOf, pick, placeOf, Sharpness, textFromMode } = internals;
+const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
+
+test('PageAndCodeTakeAtMost100Kilobytes', () => {
+  const files = new Set(['page.html', 'page.css', 'page.js', 'worker.js', 'eigencast-core.wasm']);
+  for (const file of files) {
+    if (!file.endsWith('.js')) continue;
+    for (const [, chunk] of readFileSync(join(BUILD, file), 'utf8').matchAll(/(?:from|import)\s?"\.\/(eigencast-\w+\.js)"/g)) files.add(chunk);
+  }
+  const sizes = [...files].map((file) => [file, gzipSync(readFileSync(join(BUILD, file)), { level: 9, memLevel: 9 }).length]);
+  const total = sizes.reduce((sum, [, size]) => sum + size, 0);
+  assert.ok(total <= 100_000, `${total} bytes: ${sizes.map((one) => one.join(' ')).join(', ')}`);
+});
+
+test('AllThatThePageLoadsAtOnceIsPreloaded', () => {
+  const page = readFileSync(join(BUILD, 'page.html'), 'utf8');
+  for (const [, chunk] of readFileSync(join(BUILD, 'page.js'), 'utf8').matchAll(/from"\.\/(eigencast-\w+\.js)"/g)) assert.ok(page.includes(`{web}${chunk}`), chunk);
+});
+
+test('ShadersBecomeEssl', () => {
+  const made = essl('#version 330 core\nin vec2 uv;  // where\nuniform sampler2DMS depth;\nvoid main() {\n  ivec2 n = textureSize(depth) - 1;\n}');
+  assert.match(made, /^#version 300 es\nprecision highp float;/);
+  assert.match(made, /in vec2 uv;uniform sampler2D depth;void main\(\)\{ivec2 n=textureSize\(depth,0\)- 1;\}$/);
+  assert.equal(essl('vec3 f() { return vec3(1.0); }'), 'vec3 f(){return vec3(1.0);}');
+});
+
+test('TheCameraFramesItsBoxUntilItIsMoved', () => {
+  const camera = new Camera();
+  camera.setViewport(1000, 500);
+  camera.setScene([-1, -2, -3], [3, 2, 1]);
+  near(camera.target, [1, 0, -1]);
+  const inside = camera.diameterPx(camera.centre, camera.radius);
+  assert.ok(inside > 250 && inside < 700, `${inside}`);
+  const eye = camera.position;
+  camera.setScene([-2, -4, -6], [6, 4, 2]);
+  assert.ok(Math.hypot(...camera.position.map((x, i) => x - camera.target[i])) > 1.9 * Math.hypot(...eye.map((x, i) => x - [1, 0, -1][i])), 'twice the box, twice the distance');
+  camera.rotate([10, 0]);
+  const moved = camera.position;
+  camera.setScene([-1, -2, -3], [3, 2, 1]);
+  near(camera.position, moved);
+});
+
+test('LooksFromAnyEyeForAnyUp', () => {
+  for (const up of ['x', 'y', 'z']) {
+    const camera = new Camera();
+    camera.up = up;
+    camera.lookFrom([3, 4, 5], [1, 1, 1]);
+    near(camera.position, [3, 4, 5]);
+    near(camera.target, [1, 1, 1]);
+  }
+});
+
+test('ZoomKeepsThePointUnderTheCursor', () => {
+  const camera = new Camera();
+  camera.setViewport(800, 600);
+  const at = [600, 150], depth = (c) => {  // Where the ray meets the plane through the target.
+    const along = c.directionThrough(at), back = c.position.map((x, i) => x - c.target[i]);
+    const t = -back.reduce((s, x) => s + x * x, 0) / back.reduce((s, x, i) => s + x * along[i], 0);
+    return c.position.map((x, i) => x + t * along[i]);
+  };
+  const before = depth(camera);
+  camera.zoom(3, at);
+  near(depth(camera), before, 1e-6);
+});
+
+test('TheNearestFaceOrPointIsPicked', () => {
+  const camera = new Camera();
+  camera.setViewport(400, 400);
+  camera.lookFrom([0, 0, 5], [0, 0, 0]);
+  const square = (z) => [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]].flat();
+  const positions = new Float32Array([...square(0), ...square(1)]), sceneFromSurface = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+  const triangles = new Uint32Array([0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7]);
+  near(pick([{ positions, triangles, sceneFromSurface, radius: 0 }], camera, [200, 200]), [0, 0, 1], 1e-6);
+  assert.equal(pick([{ positions, triangles, sceneFromSurface, radius: 0 }], camera, [2, 2]), undefined);
+  const point = { positions: new Float32Array([0, 0, 2]), triangles: new Uint32Array(), sceneFromSurface, radius: 0.1 };
+  near(pick([point], camera, [202, 200]), [0, 0, 2], 0.1);
+});
+
+test('PixelsFollowLatePictures', () => {
+  const sharpness = new Sharpness();
+  for (let i = 0; i < 100; ++i) sharpness.add(i % 5 === 0 ? 100 : 10, 16);
+  assert.equal(sharpness.value, 1, 'single late ones count nothing');
+  for (let i = 0; i < 40; ++i) sharpness.add(100, 16);
+  assert.equal(sharpness.value, 0.5);
+  for (let i = 0; i < 1000; ++i) sharpness.add(4, 16);
+  assert.equal(sharpness.value, 1);
+});
+
+test('AddressesSayBrokerStreamProfileAndCamera', () => {
+  const script = 'https://host/behind/v1/web/page.js';
+  const place = placeOf(new URL('https://host/behind/lab/horse?rate=raw&embed=1#eye=1,2,3&target=0,0,0.5&access_token=secret'), script);
+  assert.deepEqual({ ...place, query: String(place.query) }, { base: 'https://host/behind', stream: 'lab/horse', query: 'rate=raw', token: 'secret', isEmbedded: true, eye: [1, 2, 3], target: [0, 0, 0.5] });
+  const camera = new Camera();
+  assert.equal(linkOf(place, camera), 'https://host/behind/lab/horse?rate=raw', 'nobody has moved the camera');
+  camera.lookFrom([1, 2, 3], [0, 0, 0.5]);
+  const link = linkOf(place, camera);
+  assert.ok(!link.includes('secret'));
+  const again = placeOf(new URL(link), script);
+  near(again.eye, [1, 2, 3], 1e-4);
+  near(again.target, [0, 0, 0.5], 1e-4);
+  assert.equal(placeOf(new URL('https://host/behind/'), script).stream, '');
+  assert.equal(placeOf(new URL('https://host/behind/x#eye=1,2'), script).eye, undefined);
+});
+
+test('WordsAreThoseOfTheNativeClient', () => {
+  const status = { state: 'stalled', detail: '' };
+  assert.equal(bannerOf(status, 1000, 4100), 'no data for 3.1 s - the sender is gone, this is its last pose');
+  assert.equal(bannerOf({ ...status, state: 'lost', detail: 'connection to x lost' }, 1000, 1500), 'no data for 0.5 s - connection lost: connection to x lost');
+  assert.equal(bannerOf({ ...status, state: 'live' }, 1000, 9000), '');
+  assert.equal(bannerOf(status, undefined, 9000), '', 'nothing was shown yet');
+  const profile = { rate: 'interpolated', k: 3, scheme: 'linear', bands: 8 };
+  assert.equal(textFromMode(profile), 'interpolated x3');
+  assert.equal(textFromMode({ ...profile, rate: 'estimated', scheme: 'damped' }), 'estimated x3 damped');
+  const lines = figureLines({
+    keysHz: 30, posesHz: 90, drawnHz: 59.9, kbitPerS: 412, roundTripMs: 3.24, vertices: 4096, verticesTotal: 42321, faces: 8190, profile, shown: 'interpolated',
+    delayMs: 12, workMs: 3.2, load: 0.4, bands: 3, bandsTotal: 4, rank: 200,
+  });
+  assert.equal(lines[0], '30 keys/s · 90 poses/s · 60 drawn/s');
+  assert.equal(lines[2], 'LOD 0.10 · 4,096 of 42,321 vertices, 8,190 faces');
+});
