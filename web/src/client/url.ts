@@ -51,7 +51,7 @@ export function streamUrl(text: string, token = '', prefix = ''): { broker: Brok
 
 /** Throws EigencastError (invalid-argument) where it is not a stream's name (protocol.md, section 2). */
 export function checkedName(name: string): string {
-  const good = name.length <= 128 && name.split('/').every((part) => /^[A-Za-z0-9._-]+$/.test(part) && part !== '.' && part !== '..');
+  const good = name.length <= 128 && !name.startsWith('v1/') && name.split('/').every((part) => /^[A-Za-z0-9._-]+$/.test(part) && part !== '.' && part !== '..');
   if (good) return name;
   throw new EigencastError('invalid-argument',
     `stream name "${name.slice(0, 128)}": segments of A-Z a-z 0-9 . _ - joined by single '/', at most 128 bytes, such as lab/horse`);

@@ -366,7 +366,7 @@ test('UrlsMeanWhatTheyMeanEverywhere', () => {
   assert.deepEqual([where, stream, String(query)], [{ base: 'https://host', token: 't' }, 'lab/horse', 'rate=raw']);
   assert.deepEqual(streamUrl('ws://h/p/v1/subscribe/lab/horse').broker.base, 'http://h/p');
   assert.deepEqual(streamUrl('https://h/p/lab/horse', '', '/p').stream, 'lab/horse');
-  for (const bad of ['ftp://h/x', 'https://u:p@h/x', 'https://h/../..', 'https://h/a//b', 'https://h/', `https://h/${'a'.repeat(129)}`, 'https://h/%20', 'https://', 'ws://[/x']) {
+  for (const bad of ['ftp://h/x', 'https://u:p@h/x', 'https://h/../..', 'https://h/a//b', 'https://h/', `https://h/${'a'.repeat(129)}`, 'https://h/%20', 'https://h/v1/x', 'https://', 'ws://[/x']) {
     assert.throws(() => streamUrl(bad), { code: 'invalid-argument' }, bad);
   }
 });
