@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// build.mjs [OUT]: bundles into OUT (default: dist) the package, eigencast.js, view.js, element.js and worker.js; the page, page.html, page.css
+// build.mjs [OUT]: bundles into OUT (default: dist) the package, eigencast.js, view.js, element.js, publisher.js and worker.js; the page, page.html, page.css
 // and page.js; and internals.js for tests. Types are checked by tsc (npm run types).
 //
 // {web} in page.html stands for the path from the page to the folder of these files, whose path holds /v1/web/: who
@@ -27,7 +27,7 @@ for (const old of existsSync(outdir) ? readdirSync(outdir) : []) if (/^eigencast
 // What page and worker share is loaded once, and so is what the entries of the package share.
 const split = { ...options, splitting: true, chunkNames: 'eigencast-[hash]', metafile: true };
 const { metafile } = await build({ ...split, entryPoints: { page: here('src/page/page.ts'), worker: here('src/worker/index.ts') } });
-await build({ ...split, entryPoints: { eigencast: here('src/client/index.ts'), view: here('src/view/index.ts'), element: here('src/element/index.ts') } });
+await build({ ...split, entryPoints: { eigencast: here('src/client/index.ts'), view: here('src/view/index.ts'), element: here('src/element/index.ts'), publisher: here('src/publisher/index.ts') } });
 await build({ ...options, entryPoints: { internals: here('src/internals.ts') } });
 await build({ ...options, entryPoints: { page: here('src/page/page.css') } });
 

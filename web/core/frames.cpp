@@ -1,39 +1,12 @@
 // SPDX-License-Identifier: MIT
+#include <utility>
 #include <vector>
 
 #include "common/wire/envelope.h"
-#include "common/wire/sizes.h"
 #include "sdk/frame_decoder.h"
 #include "web/core/core.h"
 #include "web/core/error.h"
-
-namespace eigencast {
-namespace {
-
-using web::failed;
-
-/// What `given` says of the message that frames_begin stands for. Errors: kInvalidArgument.
-Result<void> read_format(const core_format& given, control::StreamInfo& info) {
-  if (given.scalars > CORE_MAX_CHANNELS || given.codec >= kCodecNames.names.size() ||
-      given.scheme >= kSchemeNames.names.size() || given.bands > CORE_MAX_BANDS) {
-    return fail(ErrorCode::kInvalidArgument,
-                "there is no such codec or scheme, or there are too many bands or scalars");
-  }
-  StreamFormat& format = info.format;
-  format.rows = given.rows;
-  format.channels = given.channels;
-  format.band_ends.assign(given.band_ends, given.band_ends + given.bands);
-  format.codec = kCodecNames.names[given.codec];
-  format.velocity_channels = given.velocity_channels;
-  format.velocity_us = given.velocity_us;
-  format.scalars.resize(given.scalars);
-  for (std::uint32_t k = 0; k < given.scalars; ++k) format.scalars[k].scale = given.scales[k];
-  info.profile.scheme = static_cast<Profile::Scheme>(given.scheme);
-  return check_sizes(format);
-}
-
-}  // namespace
-}  // namespace eigencast
+#include "web/core/format.h"
 
 struct core_frames {
   eigencast::EnvelopeReader reader;
@@ -65,7 +38,10 @@ int32_t frames_begin(core_frames* frames, uint32_t stream_id, uint32_t tag, uint
   info.epoch = epoch;
   if (format != nullptr) {
     info.state = control::StreamInfo::State::kLive;
-    if (const auto good = read_format(*format, info); !good) return failed(good.error());
+    auto given = web::format_from(*format);
+    if (!given) return web::failed(given.error());
+    info.format = *std::move(given);
+    info.profile.scheme = static_cast<Profile::Scheme>(format->scheme);
   }
   frames->reader.begin(stream_id, static_cast<std::uint8_t>(tag), epoch);
   frames->decoder.set_stream(info);
@@ -83,7 +59,7 @@ int32_t frames_decode(core_frames* frames, const uint8_t* bytes, uint32_t size) 
   const auto frame = parsed ? frames->reader.read(*parsed) : std::nullopt;
   if (!frame) {
     ++frames->unreadable;
-    return parsed ? 0 : failed(parsed.error());
+    return parsed ? 0 : web::failed(parsed.error());
   }
   const Envelope& e = frame->envelope;
   pose.sequence = e.sequence;
@@ -99,7 +75,7 @@ int32_t frames_decode(core_frames* frames, const uint8_t* bytes, uint32_t size) 
   pose.shown_us = e.is_ahead() && e.step.of != 0 ? shown_us(e) : e.capture_us;
   FrameDecoder& decoder = frames->decoder;
   const auto key = decoder.decode(*frame);
-  if (!key) return failed(key.error());
+  if (!key) return web::failed(key.error());
   if (*key == nullptr) return 0;
   frames->coefficients = decoder.coefficients(**key);
   pose.coefficients = frames->coefficients.data();

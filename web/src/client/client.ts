@@ -252,7 +252,7 @@ function listed(one: unknown): ListedStream {
   };
 }
 
-async function compiled(core: string | URL | BufferSource | WebAssembly.Module, environment: Environment): Promise<WebAssembly.Module> {
+export async function compiled(core: string | URL | BufferSource | WebAssembly.Module, environment: Environment): Promise<WebAssembly.Module> {
   if (core instanceof WebAssembly.Module) return core;
   if (typeof core !== 'string' && !(core instanceof URL)) return WebAssembly.compile(core);
   const answer = await environment.fetch(String(core));

@@ -76,7 +76,7 @@ function parse(text: string): unknown {
 }
 
 /** Takes typed fields out of one object, each checked. */
-class Fields {
+export class Fields {
   constructor(readonly json: Json, readonly path: string) {}
 
   wrong(name: string, what: string): never {
@@ -154,8 +154,8 @@ function scalarOf(fields: Fields): Scalar {
 function profileOf(fields: Fields): Required<Profile> {
   const rate = fields.word('rate', ['raw', 'interpolated', 'estimated'], 'interpolated');
   return {
-    rate, k: fields.integer('k', 2, 15, 3), 
-    scheme: fields.word<Scheme>('scheme', SCHEMES, rate === 'estimated' ? 'damped' : 'linear'), bands: fields.integer('bands', 1, 8, 8),
+    rate, k: fields.integer('k', 2, 15, 3), scheme: fields.word<Scheme>('scheme', SCHEMES, rate === 'estimated' ? 'damped' : 'linear'),
+    bands: fields.integer('bands', 1, 8, 8),
   };
 }
 
@@ -180,25 +180,27 @@ function streamOf(fields: Fields): Message {
   return info;
 }
 
-const READERS: Record<string, (fields: Fields) => Message> = {
-  welcome: (f) => ({ op: 'welcome', version: f.text('version'), session_id: f.text('session_id'), time_us: f.time('time_us') }),
+export const READERS = {
+  welcome: (f: Fields) => ({ op: 'welcome' as const, version: f.text('version'), session_id: f.text('session_id'), time_us: f.time('time_us') }),
   stream: streamOf,
-  ping: (f) => ({ op: 'ping', id: f.big('id'), time_us: f.time('time_us') }),
-  pong: (f) => ({ op: 'pong', id: f.big('id'), time_us: f.time('time_us'), peer_time_us: f.time('peer_time_us') }),
-  trace: (f) => ({
-    op: 'trace', stream_id: f.id('stream_id'), epoch: f.integer('epoch', 0, 0xffffffff, 0), sequence: f.big('sequence'), step: f.integer('step', 0, 255, 0),
+  ping: (f: Fields) => ({ op: 'ping' as const, id: f.big('id'), time_us: f.time('time_us') }),
+  pong: (f: Fields) => ({ op: 'pong' as const, id: f.big('id'), time_us: f.time('time_us'), peer_time_us: f.time('peer_time_us') }),
+  trace: (f: Fields) => ({
+    op: 'trace' as const, stream_id: f.id('stream_id'), epoch: f.integer('epoch', 0, 0xffffffff, 0), sequence: f.big('sequence'), step: f.integer('step', 0, 255, 0),
     stages: f.array('stages', 0, 32).map((one) => {
       const stage = fieldsOf(one, 'stages.');
       return { stage: stage.text('stage'), time_us: stage.time('time_us') };
     }),
   }),
-  notice: (f) => ({ op: 'notice', message: f.text('message'), stream: f.text('stream', ''), frames_dropped: Number(f.big('frames_dropped', 0n, undefined, 0n)) }),
-  error: (f) => ({ op: 'error', code: f.text('code'), message: f.text('message'), stream: f.text('stream', '') }),
-  bye: (f) => ({ op: 'bye', reason: f.text('reason', ''), retry_after_ms: f.integer('retry_after_ms', 0, 0xffffffff, 0) }),
+  notice: (f: Fields) => ({ op: 'notice' as const, message: f.text('message'), stream: f.text('stream', ''), frames_dropped: Number(f.big('frames_dropped', 0n, undefined, 0n)) }),
+  error: (f: Fields) => ({ op: 'error' as const, code: f.text('code'), message: f.text('message'), stream: f.text('stream', '') }),
+  bye: (f: Fields) => ({ op: 'bye' as const, reason: f.text('reason', ''), retry_after_ms: f.integer('retry_after_ms', 0, 0xffffffff, 0) }),
 };
 
-/** Nothing: a message of a kind that viewers do not read. Throws EigencastError (corrupt, too-large). */
-export function readControl(text: string): Message | undefined {
+/** Nothing: a message of a kind that `readers`, those of viewers, do not read. Throws EigencastError (corrupt, too-large). */
+export function readControl(text: string): Message | undefined;
+export function readControl<Readers extends Record<string, (fields: Fields) => unknown>>(text: string, readers: Readers): ReturnType<Readers[keyof Readers]> | undefined;
+export function readControl(text: string, readers: Record<string, (fields: Fields) => unknown> = READERS): unknown {
   if (text.length > MAX_BYTES) throw new EigencastError('too-large', `control message: longer than ${MAX_BYTES} bytes`);
   const prepared = marked(text);
   let json: unknown;
@@ -209,7 +211,7 @@ export function readControl(text: string): Message | undefined {
   }
   const fields = fieldsOf(json, '');
   const op = fields.text('op');
-  return Object.hasOwn(READERS, op) ? READERS[op]!(fields) : undefined;
+  return Object.hasOwn(readers, op) ? readers[op]!(fields) : undefined;
 }
 
 /** Of bigint, numbers, texts, arrays and objects of those. */

@@ -87,13 +87,7 @@ export class Frames {
       core.exports.frames_begin(this.#at, streamId, tag, epoch, 0);
       return;
     }
-    const at = core.room(FORMAT_BYTES), { scalars } = format;
-    core.doubles(at, MAX_SCALARS).set(scalars.slice(0, MAX_SCALARS).map(({ scale }) => scale));
-    core.words(at + 8 * MAX_SCALARS, 16).set([
-      format.rows, format.channels, format.velocity_channels, format.velocity_us, CODECS.indexOf(format.codec),
-      SCHEMES.indexOf(scheme), scalars.length, format.band_ends.length, ...format.band_ends.slice(0, 8),
-    ]);
-    core.checked(core.exports.frames_begin(this.#at, streamId, tag, epoch, at));
+    core.checked(core.exports.frames_begin(this.#at, streamId, tag, epoch, givenFormat(core, format, scheme)));
   }
   restart(): void {
     this.#core.exports.frames_restart(this.#at);
@@ -129,6 +123,17 @@ export class Frames {
     const count = (i: number): number => Number(data.getBigUint64(at + 8 * i, true));
     return { keys: count(0), synthetic: count(1), joins: count(2), rejected: count(3), missed: count(4) };
   }
+}
+
+/** The address of a core_format, in the room. */
+export function givenFormat(core: Core, format: Format, scheme: Scheme): number {
+  const at = core.room(FORMAT_BYTES), { scalars } = format;
+  core.doubles(at, MAX_SCALARS).set(scalars.slice(0, MAX_SCALARS).map(({ scale }) => scale));
+  core.words(at + 8 * MAX_SCALARS, 16).set([
+    format.rows, format.channels, format.velocity_channels, format.velocity_us, CODECS.indexOf(format.codec), SCHEMES.indexOf(scheme), scalars.length,
+    format.band_ends.length, ...format.band_ends.slice(0, 8),
+  ]);
+  return at;
 }
 
 /** The stream that a frame belongs to; nothing: it is not a frame. */

@@ -9,6 +9,7 @@ import { after, before, test } from 'node:test';
 import { fileURLToPath } from 'node:url';
 import { BIN, Programs } from '../system/programs.mjs';
 import { until } from '../unit/fake_broker.mjs';
+import { ROOT } from '../unit/support.mjs';
 import { CHROMIUM, startChromium } from './chromium.mjs';
 import { CLAY, PRINT, button, hasState } from './looks.mjs';
 import { makePng, readPng, similarity } from './pictures.mjs';
@@ -265,6 +266,39 @@ test('ElementsShowStreamsInPagesOfOtherOrigins', async () => {
   });
   await other.stop();
   await itsSite.stop();
+});
+
+test('WhatTheManualSaysWorks', async () => {
+  const open = await programs.broker(0, '--access-origins=*');
+  programs.ring(open, 'lab/horse');
+  const manual = readFileSync(join(ROOT, 'docs/web.md'), 'utf8').replaceAll('https://host', `http://127.0.0.1:${open.port}`);
+  const [, html] = /^```html\n(.*?)^```/ms.exec(manual), [, js] = /^```js\n(.*?)^```/ms.exec(manual);
+  const page = (body) => `<!doctype html><html lang="en"><title>a page of one's own</title><body>${body}</body></html>`;
+  const own = await startSite(open.port, { pages: { '/element': page(html), '/program': page('<canvas></canvas><script type="module" src="/own.js"></script>'), '/own.js': js }, hasPolicy: false });
+  for (const path of ['/element', '/program']) await onPage(own.url + path, (tab) => tab.until(`${CLAY} > 500`, 150_000));
+  await own.stop();
+});
+
+test('PagesPublishWhatOthersSee', async () => {
+  const code = `
+    import { connect } from '/v1/web/eigencast.js';
+    import { publish } from '/v1/web/publisher.js';
+    const listed = await (await connect(location.origin)).streams();
+    window.publisher = await publish(location.origin + '/play/ring', { asset: listed.find(({ stream }) => stream === 'still').asset });
+    window.width = 1;
+    setInterval(() => publisher.send(publisher.rest.map((value, i) => (i % 3 === 0 ? width * value : value))), 50);`;
+  const own = await startSite(broker.port, { pages: { '/player': '<!doctype html><html lang="en"><title>player</title><script type="module" src="/player.js"></script><body></body></html>', '/player.js': code } });
+  await onPage(`${own.url}/player`, async (player) => {
+    await player.until("publisher.status.state === 'live' && publisher.sent > 3", 150_000);
+    await onPage(`${own.url}/play/ring`, async (tab) => {
+      await tab.until(`${hasState('live')} && ${CLAY} > 1000`, 150_000);
+      await player.until('publisher.status.subscribers === 1');
+      const before = await tab.evaluate(CLAY);
+      await player.evaluate('void (window.width = 0.4)');
+      await tab.until(`${CLAY} < ${0.8 * before}`);
+    });
+  });
+  await own.stop();
 });
 
 test('EmbeddedPagesHaveNoControls', async () => {

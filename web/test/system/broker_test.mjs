@@ -10,10 +10,10 @@ import { pathToFileURL } from 'node:url';
 import { Worker as NodeWorker } from 'node:worker_threads';
 import { FrameDecoder, stepSize } from '../../../sdk/js/frames.mjs';
 import { environment, until, ws } from '../unit/fake_broker.mjs';
-import { BUILD, internals, sameBits, wasm } from '../unit/support.mjs';
+import { BUILD, internals, sameBits, wasm, writerWasm } from '../unit/support.mjs';
 import { BIN, Programs } from './programs.mjs';
 
-const { connect, watch } = internals;
+const { connect, publish, watch } = internals;
 const programs = new Programs();
 const startBroker = (...given) => programs.broker(...given);
 const startSender = (broker, name, ...more) => programs.sender(broker, name, 'heart', '--rank', '24', ...more);
@@ -147,6 +147,60 @@ test('TokensAreAskedForGivenAndRefusedWithWords', async () => {
   await until(() => elsewhere.status?.state === 'refused', 'a refusal');
   assert.match(elsewhere.status.detail, /answered 403/);
   for (const one of [stranger, wrong, viewer, elsewhere]) one.close();
+});
+
+test('PeersPublishForOneAnother', async () => {
+  const heart = await watch(urlOf(shared, '/lab/heart'), options);
+  const { asset } = await until(() => heart.surface, 'the surface', 150_000);
+  heart.close();
+  const publishing = { ...options, writer: writerWasm, asset };
+  const [a, b] = await Promise.all(['a', 'b'].map((name) => publish(urlOf(shared, `/play/${name}`), publishing)));
+  const [fromA, fromB] = await Promise.all(['a', 'b'].map((name) => watch(urlOf(shared, `/play/${name}?rate=raw`), options)));
+  const moved = (publisher, first) => publisher.rest.map((value, i) => (i === 0 ? first : value));
+  // b answers each pose of a by one moved twice as far.
+  fromA.on('pose', ({ coefficients }) => b.send(moved(b, 2 * coefficients[0])));
+  const { boxHigh, boxLow, area, rank } = a.facts, bound = 0.01 * Math.hypot(...boxHigh.map((high, i) => high - boxLow[i])) * Math.sqrt(area);
+  for (const first of [0.5, -0.25, 1]) {
+    await until(() => {
+      a.send(moved(a, first));
+      return fromB.pose && Math.abs(fromB.pose.coefficients[0] - 2 * first) < bound;
+    }, `the answer to ${first}`);
+  }
+  assert.equal(fromA.pose.coefficients.length, 3 * rank);
+  await until(() => a.status.subscribers === 1, 'a subscriber');
+  assert.throws(() => a.send([1, 2, 3]), { code: 'invalid-argument' });
+  assert.equal(a.send(a.rest, 1), false, 'not after the one before');
+  const second = await publish(urlOf(shared, '/play/a'), publishing);
+  await until(() => second.status.state === 'refused', 'a refusal');
+  assert.equal(second.send(second.rest), false);
+  assert.equal(a.status.state, 'live');
+  await assert.rejects(publish(urlOf(shared, '/play/c'), { ...publishing, asset: '0'.repeat(64) }), { code: 'not-found' });
+  for (const one of [a, b, second, fromA, fromB]) one.close();
+  assert.equal(a.send(a.rest), false);
+});
+
+test('APublisherComesBackWhenItsConnectionIsLost', async () => {
+  const { asset } = (await (await connect(urlOf(shared), options)).streams()).find(({ stream }) => stream === 'lab/heart');
+  const sockets = [];
+  class Watched extends ws.WebSocket {
+    constructor(...words) {
+      super(...words);
+      sockets.push(this);
+    }
+  }
+  const publisher = await publish(urlOf(shared, '/play/d'), { ...options, environment: { WebSocket: Watched }, writer: writerWasm, asset });
+  const states = [];
+  publisher.on('status', ({ state, detail }) => states.push(`${state}: ${detail}`));
+  const stream = await watch(urlOf(shared, '/play/d?rate=raw'), options);
+  await until(() => (publisher.send(publisher.rest), stream.pose), 'a pose');
+  sockets[0].terminate();
+  await until(() => sockets.length === 2 && publisher.status.state === 'live', 'live again');
+  assert.ok(states.some((one) => /^lost: connection to ws:.* lost; next try in/.test(one)), JSON.stringify(states));
+  const before = stream.pose;
+  await until(() => (publisher.send(publisher.rest), stream.pose !== before), 'a pose of the new chain');
+  publisher.close();
+  await until(() => stream.status.state === 'stalled', 'stalled');
+  stream.close();
 });
 
 test('AWorkerDoesTheSame', async () => {

@@ -5,10 +5,10 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { FrameDecoder, ProtocolError, stepSize } from '../../../sdk/js/frames.mjs';
-import { goldenStreams, internals, joinOf, makeCore, sameBits } from './support.mjs';
+import { goldenStreams, internals, joinOf, makeCore, sameBits, writerWasm } from './support.mjs';
 
-const { Frames, streamIdOf } = internals;
-const core = await makeCore();
+const { Core, Frames, streamIdOf, Writer } = internals;
+const core = await makeCore(), writing = await Core.make(writerWasm);
 const EPOCH = 3;
 
 /** A Frames that follows a golden stream. */
@@ -173,4 +173,27 @@ test('StreamIdsAreReadFromFramesAlone', () => {
   assert.equal(streamIdOf(core, stream.frames[0]), stream.expected[0].stream_id);
   assert.equal(streamIdOf(core, stream.frames[0].subarray(0, 4)), undefined);
   assert.equal(streamIdOf(core, new Uint8Array()), undefined);
+});
+
+test('FramesOfTheWriterAreReadToTheBit', () => {
+  const format = { rows: 40, channels: 3, band_ends: [14, 40], codec: 'quantised', velocity_channels: 0, velocity_us: 1_000_000, scalars: [] };
+  const error = 0.01, area = 4;
+  const writer = new Writer(writing, format, error, area), frames = new Frames(core), reference = new FrameDecoder(format);
+  writer.begin(9, 77);
+  frames.begin(9, 77, EPOCH, format, 'linear');
+  for (let k = 0; k < 60; ++k) {
+    if (k === 30) writer.begin(9, 77);  // Again from a join.
+    const pose = Float64Array.from({ length: 120 }, (_, i) => Math.sin(0.1 * k + i) / (1 + i));
+    const frame = writer.frame(pose, BigInt(1000 + 33_333 * k)).slice();
+    const { head, coefficients } = frames.decode(frame), read = reference.decode(frame);
+    assert.equal(head.kind, k % 30 === 0 ? 'join' : 'key');
+    assert.ok(sameBits(coefficients, coefficientsOf(read.pose ?? read.newer, 'quantised')));
+    const rms = Math.sqrt(pose.reduce((sum, value, i) => sum + (value - coefficients[i]) ** 2, 0) / area);
+    assert.ok(rms <= error, `${rms} of pose ${k}`);
+  }
+  for (const [coefficients, us] of [[new Float64Array(3), 9_000_000n], [new Float64Array(120).fill(NaN), 9_000_000n], [new Float64Array(120).fill(1e30), 9_000_000n], [new Float64Array(120), 5n], [new Float64Array(120), 2n ** 62n]])
+    assert.throws(() => writer.frame(coefficients, us), (thrown) => ['invalid-argument', 'too-large'].includes(thrown.code), String(us));
+  for (const [wrong, e, a] of [[{}, 0, 1], [{}, NaN, 1], [{}, 1, -1], [{ rows: 0 }, 1, 1]]) assert.throws(() => new Writer(writing, { ...format, ...wrong }, e, a), { code: 'invalid-argument' });
+  writer.free();
+  frames.free();
 });
