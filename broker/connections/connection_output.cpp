@@ -53,6 +53,7 @@ void Connection::sent(const Transport::Outcome& outcome) {
 }
 
 void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames) {
+  if (watch_.is_check_due(context_.turn.now_us())) check_window();
   for (const FramePtr& frame : frames) {
     outbox_.offer(stream_id, frame);
     schedule_write();
