@@ -29,11 +29,19 @@ Result<void> Hub::admit(Stream& stream, const StreamHolder& holder, const Stream
   auto charged = known ? stream.charge_ : charge();
   if (!charged && make_room(holder, true)) charged = charge();
   if (!charged) return charged.error();
-  if (!stream.charge_ && admitted_ >= settings_.max_streams && !make_room(holder, false)) {
-    return fail(ErrorCode::kTooLarge, "all " + std::to_string(settings_.max_streams) +
-                                          " streams that limits.max_streams allows are in use: raise it, or stop one");
+  const auto most = static_cast<std::int64_t>(settings_.max_streams);
+  const auto has_share = [&] { return !holder.stranger || strangers_.fits(holder.key, 1, most - most / 4); };
+  const bool is_over = !known && !has_share() && !(make_room(holder, true) && has_share());
+  if (is_over || (!stream.charge_ && admitted_ >= settings_.max_streams && !make_room(holder, false))) {
+    return fail(ErrorCode::kTooLarge, "all " + std::to_string(most) + " streams that limits.max_streams allows are in" +
+                                          (is_over ? " use, or left to others and to senders with tokens" : " use") +
+                                          ": raise it, or stop one");
   }
   if (auto held = hold_keys(stream, holder, format); !held) return held;
+  if (!known && holder.stranger) {
+    charged =
+        std::shared_ptr<void>(charged->get(), [paid = *charged, counted = strangers_.hold(holder.key, 1)](void*) {});
+  }
   if (!stream.charge_) ++admitted_;
   stream.charge_ = std::move(*charged);
   stream.holder_ = holder;

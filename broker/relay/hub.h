@@ -31,8 +31,8 @@ class Hub {
   /// Finds or creates the stream. REQUIRES: check_stream_name passed. Errors: those of StreamIds::of().
   Result<Stream*> open(std::string_view name, const Charge& charge = {}, const std::string& holder = {});
   /// Call before a sender of this broker announces: gives the stream one of max_streams and memory for its keys, at the
-  /// cost of `holder`. At a limit streams without publisher and watchers make room. Errors: kTooLarge (max_streams);
-  /// those of `charge` and hold_keys().
+  /// cost of `holder`. At a limit streams without publisher and watchers make room. Strangers have a quarter less, in
+  /// shares. Errors: kTooLarge (max_streams); those of `charge` and hold_keys().
   Result<void> admit(Stream& stream, const StreamHolder& holder, const StreamFormat& format, const Charge& charge);
   /// The same for memory alone: call before a sender of another broker announces. Errors: kTooLarge (max_bytes).
   Result<void> hold_keys(Stream& stream, const StreamHolder& holder, const StreamFormat& format);
@@ -63,6 +63,7 @@ class Hub {
   void forget(std::map<std::string, std::unique_ptr<Stream>, std::less<>>::iterator stream);
 
   Settings settings_;
+  Shares strangers_;  ///< Their admitted streams.
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::size_t admitted_ = 0;
   std::vector<Stream*> dirty_;

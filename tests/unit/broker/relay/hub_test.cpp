@@ -200,6 +200,28 @@ TEST_F(RoomTest, HolderAtLimitGivesUpOldestPose) {
   EXPECT_EQ(two.held(), 1u);
 }
 
+class RoomForManyTest : public RoomTest {
+ protected:
+  RoomForManyTest() : RoomTest(1'024) {}
+};
+
+TEST_F(RoomForManyTest, StrangersLeaveRoomToSendersWithTokensAndToEachOther) {
+  std::array<FakeSender, 1'100> senders;
+  FakeAccount many(2'000);
+  std::size_t next = 0;
+  const auto fill = [&](const StreamHolder& holder) {
+    std::size_t count = 0;
+    for (; announce(senders[next], std::to_string(next), holder, many); ++next) ++count;
+    leave(senders[next], std::to_string(next));
+    return count;
+  };
+  EXPECT_EQ(fill(stranger_), 153u) << "a fifth of three quarters";
+  for (int i = 0; i < 10; ++i) EXPECT_GE(fill({"address " + std::to_string(i), true}), 10u) << i;
+  EXPECT_LE(next, 768u);
+  EXPECT_GE(fill(camera_), 256u) << "as many as are free";
+  for (std::size_t i = 0; i < next; ++i) leave(senders[i], std::to_string(i));
+}
+
 const std::int64_t kLargeBytes = keys_bytes(large_announce().format);
 
 class KeysTest : public RoomTest {
