@@ -48,7 +48,7 @@ if [ -z "$programs" ]; then
   deploy/install-packages.sh demo
   build=build/release
   mkdir -p build
-  echo "building: the first time takes about 4 minutes on two cores (log: build/demo-build.log)"
+  echo "building: the first time takes about 5 minutes on two cores (log: build/demo-build.log)"
   { cmake --preset release -DEIGENCAST_BUILD_TESTS=OFF && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client eigencast-compare; } 2>&1 |
     tee build/demo-build.log | show_progress ||
     { tail -n 40 build/demo-build.log; echo "demo: the build failed; the whole log is build/demo-build.log" >&2; exit 1; }
@@ -77,13 +77,15 @@ until [ -s "$work/port" ]; do
   kill -0 $broker_pid 2>/dev/null || { cat "$out/broker.log"; echo "demo: the broker did not start" >&2; exit 1; }
   sleep 0.05
 done
-url="ws://127.0.0.1:$(cat "$work/port")/demo"
+url="http://127.0.0.1:$(cat "$work/port")/demo"
 
 # The bake shows its progress here; play then starts at once from the cache.
 "$programs/eigencast-sender" bake "$shape"
 "$programs/eigencast-sender" play "$shape" --to "$url" --record "$out/sent.jsonl" >"$out/sender.log" 2>&1 &
 sender_pid=$!
 echo "streaming $shape at $url"
+page=$(sed -n 's/.*, page at //p' "$out/broker.log")
+[ -z "$page" ] || echo "in a browser: ${page}demo"
 
 if [ $headless = 0 ]; then
   echo "more viewers: $programs/eigencast-client $url"

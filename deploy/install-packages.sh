@@ -42,6 +42,13 @@ if [ ${#missing[@]} -gt 0 ]; then
   "${as_root[@]}" apt-get update -qq
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
+if [ -f web/package-lock.json ] && ! cmp -s web/package-lock.json web/node_modules/.installed; then
+  if (cd web && npm ci --silent --no-audit --no-fund --ignore-scripts) >/dev/null 2>&1; then
+    cp web/package-lock.json web/node_modules/.installed
+  else
+    echo "install-packages: npm cannot fetch the modules of web/package-lock.json; the page is left out" >&2
+  fi
+fi
 [[ $section != demo && $section != packages ]] || exit 0
 
 tools=$PWD/build/tools
@@ -73,11 +80,4 @@ if ! cmp -s "$lock" "$modules/package-lock.json" || [ ! -d "$modules/node_module
     rm -rf "$modules"
     echo "install-packages: npm cannot fetch the modules of $lock; tests that need them will be skipped" >&2
   }
-fi
-if ! cmp -s web/package-lock.json web/node_modules/.installed; then
-  if (cd web && npm ci --silent --no-audit --no-fund --ignore-scripts) >/dev/null 2>&1; then
-    cp web/package-lock.json web/node_modules/.installed
-  else
-    echo "install-packages: npm cannot fetch the modules of web/package-lock.json; the page is left out" >&2
-  fi
 fi

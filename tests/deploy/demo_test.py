@@ -7,6 +7,7 @@
 import json
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -59,6 +60,8 @@ class Demo(unittest.TestCase):
         said, _ = demo.communicate(timeout=PATIENCE_S)
         self.assertEqual(demo.returncode, 0, said)
         self.assertEqual(len(list(self.out.glob("frame_*.png"))), 4)
+        page = re.search(r", page at (http://127\.0\.0\.1:\d+/)", (self.out / "broker.log").read_text())
+        self.assertEqual(re.findall(r"^in a browser: (.*)$", said, re.M), [page[1] + "demo"] if page else [])
         self.assertGreater(json.loads((self.out / "report.json").read_text())["reconstruction"]["keys"]["poses"], 0)
         self.assert_nothing_is_left(demo)
 

@@ -12,19 +12,19 @@ const POLICY = (host) => [
 ].join('; ');
 
 /**
- * Serves the page as a broker will: what was built below /v1/web/, the page for all other names, the rest by the broker
+ * Serves the page as a broker does: what was built below /v1/web/, the page for all other names, the rest by the broker
  * at `port`, or by nobody. `pages`: documents of a test, by path. `prefix`: as behind a proxy. Without a
- * policy the site is anybody's.
+ * policy the site is anybody's. `isProxy`: the broker serves all of it.
  */
-export async function startSite(port, { pages = {}, prefix = '', hasPolicy = true } = {}) {
+export async function startSite(port, { pages = {}, prefix = '', hasPolicy = true, isProxy = false } = {}) {
   const server = createServer((request, response) => {
     const path = new URL(request.url, 'http://x').pathname.slice(prefix.length);
     const file = join(BUILD, path.replace(/^\/v1\/web\//, ''));
-    if (path.startsWith('/v1/web/') && !path.includes('..') && existsSync(file)) {
+    if (!isProxy && path.startsWith('/v1/web/') && !path.includes('..') && existsSync(file)) {
       response.writeHead(200, { 'content-type': TYPES[extname(file)] ?? 'application/octet-stream', 'access-control-allow-origin': '*' });
       return createReadStream(file).pipe(response);
     }
-    if (!path.startsWith('/v1/')) {
+    if (!isProxy && !path.startsWith('/v1/')) {
       const up = '../'.repeat(path.split('/').length - 2) || './';
       const html = pages[path] ?? readFileSync(join(BUILD, 'page.html'), 'utf8').replaceAll('{web}', `${up}v1/web/`);
       response.writeHead(200, { 'content-type': TYPES[extname(path)] ?? TYPES['.html'], ...(hasPolicy ? { 'content-security-policy': POLICY(request.headers.host) } : {}) });
