@@ -37,7 +37,7 @@ namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 10;
+constexpr std::uint32_t kRecipe = 11;
 // Across a surface, so that its masses and a basis over them are numbers of 32 bits.
 constexpr double kMinSize = 1e-15, kMaxSize = 1e15;
 
@@ -85,6 +85,11 @@ PlannedAppearance planned_appearance(const Surface& surface, const Appearance* s
 
 bool uses_kernel(const BakeOptions& options) {
   return options.points_operator == PointsOperator::kPbMhb;
+}
+
+std::string_view operator_of(const Surface& surface, const Laplacian& laplacian, const BakeOptions& options) {
+  if (surface.is_point_cloud()) return kPointsOperatorNames[options.points_operator];
+  return laplacian.flips ? "tufted" : "cotangent";
 }
 
 Result<void> check_basis(const BakeOptions& options) {
@@ -242,7 +247,6 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   asset.rank = static_cast<std::uint32_t>(r);
   asset.base_count = order.base_count;
   asset.basis_kind = name_of(options.basis);
-  if (uses_kernel(options)) asset.basis_kind.append("/").append(kPointsOperatorNames[options.points_operator]);
   asset.name = options.name;
   asset.band_ends = default_band_ends(asset.rank);
   asset.floats = rows_in_order(basis.Psi, order.order);
@@ -363,6 +367,8 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
   const auto normals = surface.is_point_cloud() ? oriented_normals(surface.positions) : std::vector<Vec3>();
   Asset exact = asset_from(surface, appearance, normals, *basis, std::move(*order), options);
+  exact.operator_kind = operator_of(surface, *laplacian, options);
+  exact.level_errors = level_errors_of(exact, surface, poses);
   const AssetEncoding encoding = encoding_of(exact, *basis, options);
   if (const DetailKind detail = detail_of(options); detail != DetailKind::kNone)
     exact.detail = detail_from(detail, exact, surface, normals, encoding);

@@ -22,8 +22,8 @@
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
 
-/// What bake() is put together from, in a file each: bake_detail.cpp, bake_record.cpp, bake_report.cpp,
-/// bake_texture.cpp.
+/// What bake() is put together from, in a file each: bake_detail.cpp, bake_levels.cpp, bake_record.cpp,
+/// bake_report.cpp, bake_texture.cpp.
 namespace eigencast {
 
 /// What the asset's basis leaves out of the rest pose.
@@ -34,6 +34,14 @@ namespace eigencast {
 /// REQUIRES: kind is not kNone.
 Asset::Detail detail_from(DetailKind kind, const Asset& asset, const Surface& surface, std::span<const Vec3> normals,
                           const AssetEncoding& encoding);
+
+/// The errors of 16 levels from the base up (AssetFacts::level_errors). Of a mesh, at up to 8,192 vertices of
+/// each pose, the mean at 1,024.
+///   asset  complete, its rows in the order of levels
+///   poses  of a mesh beside the rest pose, n each, in the source's order
+/// Empty for a cloud without discs.
+std::vector<GeometricError> level_errors_of(const Asset& asset, const Surface& surface,
+                                            std::span<const std::vector<Vec3>> poses);
 
 /// What was baked before under `key`, whole and verified.
 std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key);

@@ -81,6 +81,8 @@ std::string report_of(const BakeResult& result, const BakeFacts& facts) {
   report += report_of_detail(result.encoded, result.asset);
   report += formatted("levels of detail: %u to %u vertices", result.asset.base_count, result.asset.vertex_count);
   if (poses > 0) report += formatted(", made for the rest pose and %zu more", poses);
+  if (const auto& errors = result.asset.level_errors; !errors.empty())
+    report += formatted("; %.2g %% of the diagonal off (rms) at the fewest", 100 * double{errors.front().rms});
   report += '\n';
   if (!result.asset.colours.empty()) report += "colours: one for each vertex\n";
   report += formatted("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,

@@ -16,6 +16,13 @@ nlohmann::json json_from(const RankChoice& choice) {
   return {{"rms_over_diagonal", choice.chosen.error}, {"tried", tried}};
 }
 
+nlohmann::json json_from(const std::vector<GeometricError>& errors) {
+  nlohmann::json levels = nlohmann::json::array();
+  for (const auto& [rows, rms, largest] : errors)
+    levels.push_back({{"vertices", rows}, {"rms_over_diagonal", rms}, {"largest_over_diagonal", largest}});
+  return levels;
+}
+
 std::string json_from(const Source& source) {
   const BakeResult& baked = source.baked;
   nlohmann::json report = {{"asset", baked.encoded.manifest.id.hex()},
@@ -24,6 +31,8 @@ std::string json_from(const Source& source) {
                            {"faces", baked.asset.face_total},
                            {"rank", baked.asset.rank},
                            {"basis", baked.asset.basis_kind},
+                           {"operator", baked.asset.operator_kind},
+                           {"level_errors", json_from(baked.asset.level_errors)},
                            {"bytes", baked.encoded.total_bytes()},
                            {"chunks", baked.encoded.chunks.size()},
                            {"certified", baked.certified},

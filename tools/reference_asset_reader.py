@@ -5,14 +5,12 @@
     reference_asset_reader.py MANIFEST_FILE CHUNK_FILE...
     reference_asset_reader.py MANIFEST_FILE CHUNK_FILE... --expect JSON_FILE    (compares; fails on the first difference)
 
-Standard library only; tiles compressed with zstd through the zstd program. It favours plainness over speed.
+Standard library only. It favours plainness over speed.
 """
 import hashlib
 import json
 import math
-import shutil
 import struct
-import subprocess
 import sys
 
 
@@ -43,21 +41,6 @@ class Bytes:
     def number(self, kind):
         return self.numbers(kind, 1)[0]
 
-    def varint(self):
-        value, shift = 0, 0
-        while True:
-            byte = self.number("B")
-            value |= (byte & 0x7F) << shift
-            if byte < 0x80:
-                need(value < 1 << 64 and (byte != 0 or shift == 0), "bad varint")
-                return value
-            shift += 7
-            need(shift < 64, "varint too long")
-
-    def zigzag(self):
-        z = self.varint()
-        return (z >> 1) ^ -(z & 1)
-
     def end(self):
         need(self.at == len(self.data), "bytes too many at the end")
 
@@ -80,9 +63,13 @@ def read_facts(b):
     m["metres_per_unit"], m["area"] = b.numbers("d", 2)
     m["box_low"], m["box_high"], m["origin"] = (b.numbers("d", 3) for _ in range(3))
     m["basis_kind"] = b.take(b.number("B")).decode()
+    m["operator_kind"] = b.take(b.number("B")).decode()
     m["name"] = b.take(b.number("H")).decode()
     m["rest"] = b.numbers("d", 3 * m["r"])
     m["column_scales"] = b.numbers("f", m["r"] - m["E"])
+    m["level_errors"] = [[b.number("I"), *b.numbers("f", 2)] for _ in range(b.number("B"))]
+    for before, level in zip([[m["q"] - 1]] + m["level_errors"], m["level_errors"]):
+        need(before[0] < level[0] < m["n"] and 0 <= level[1] <= level[2] < math.inf, "the error of a level")
     finite = [m["metres_per_unit"], m["area"], *m["box_low"], *m["box_high"], *m["origin"], *m["rest"], *m["column_scales"]]
     need(all(map(math.isfinite, finite)) and m["area"] > 0 and m["metres_per_unit"] >= 0, "a number is out of range")
     need(all(x <= y for x, y in zip(m["box_low"], m["box_high"])), "rest box")
@@ -97,10 +84,9 @@ def read_manifest(data):
     for _ in range(b.number("I")):
         chunk = {"first_row": row, "first_face": face, "end_row": b.number("I"), "end_face": b.number("I"), "id": b.take(32), "tiles": []}
         for _ in range(b.number("B")):
-            kind, index, required, compression, stored, raw = struct.unpack("<4B2I", b.take(12))
+            kind, index, required, size = struct.unpack("<3BI", b.take(7))
             need(required < 2, "reserved flag bits")
-            chunk["tiles"].append({"kind": kind, "index": index, "required": required, "compression": compression,
-                                   "stored": stored, "raw": raw, "hash": b.take(32)})
+            chunk["tiles"].append({"kind": kind, "index": index, "required": required, "bytes": size, "hash": b.take(32)})
         known = [(t["kind"], t["index"], t["required"]) for t in chunk["tiles"][:1 + len(m["band_ends"])]]
         need(known == [(1, 0, 1)] + [(2, i, 1) for i in range(len(m["band_ends"]))], "tiles out of order")
         for tile in chunk["tiles"][len(known):]:
@@ -119,23 +105,11 @@ def read_manifest(data):
 
 
 def tile_bytes(chunk, data, position):
-    offset = sum(t["stored"] for t in chunk["tiles"][:position])
+    offset = sum(t["bytes"] for t in chunk["tiles"][:position])
     tile = chunk["tiles"][position]
-    stored = data[offset:offset + tile["stored"]]
-    need(len(stored) == tile["stored"] and hashlib.sha256(stored).digest() == tile["hash"], "a tile does not have its hash")
-    if tile["compression"] == 2 and tile["kind"] == 2:
-        return Coded(stored)
-    need(tile["compression"] in (0, 1), "unknown compression")
-    if tile["compression"] == 1:
-        stored = unzstd(stored)
-    need(tile["raw"] == len(stored), "its size is not the one stated")
-    return Bytes(stored)
-
-
-def unzstd(data):
-    """Python's library has no zstd before 3.14; the zstd program (Debian package zstd) does it."""
-    need(shutil.which("zstd"), "compressed: install the zstd program to read it")
-    return subprocess.run(["zstd", "-d", "-c", "-q"], input=data, stdout=subprocess.PIPE, check=True).stdout
+    found = data[offset:offset + tile["bytes"]]
+    need(len(found) == tile["bytes"] and hashlib.sha256(found).digest() == tile["hash"], "a tile does not have its hash")
+    return Coded(found)
 
 
 class Coded:
@@ -169,7 +143,7 @@ class Coded:
             model[key] = (quick - (quick >> at), slow - (slow >> seen), seen)
         return yes
 
-    def signed(self, model):
+    def number(self, model):
         bits = 0
         while bits < 32 and self.learned(model, ("more", bits)):
             bits += 1
@@ -179,7 +153,11 @@ class Coded:
         for _ in range(bits - 1):
             bit = self.learned(model, ("bit", bits, number)) if number < 8 else self.decision(1 << 14)
             number = number << 1 | bit
-        return -number if self.learned(model, "negative") else number
+        return number
+
+    def signed(self, model):
+        size = self.number(model)
+        return -size if size and self.learned(model, "negative") else size
 
     def end(self):
         need(self.at >= len(self.data) and self.data[-1:] != b"\0", "bytes too many at the end")
@@ -189,57 +167,70 @@ def reference(m, asset, i):
     return asset["map"][i] if i >= m["q"] else i - 1
 
 
+def arrivals_by(m, asset, v, level, first, end):
+    """The rows from `level` on, of the chunk, that are v at that level; each behind those it contracts onto."""
+    found = []
+    for child in range(max(level, first, m["q"]), end):
+        if asset["map"][child] == v:
+            found += [child] + arrivals_by(m, asset, child, child + 1, first, end)
+    return found
+
+
 def add_structure(m, asset, chunk, b):
     first, end = chunk["first_row"], chunk["end_row"]
+    kinds = [{} for _ in range(12)]
+    parent, source, mass, deaths, order, third, corner, new_move, old_move, many, predictor, weight = kinds
     for i in range(first, end):
-        up = b.varint() if i >= m["q"] else 0
+        up = b.number(parent) if i >= m["q"] else 0
         need((1 <= up <= i) if i >= m["q"] else True, "parent")
         asset["map"].append(i - up)
     for i in range(first, end):
         ref = reference(m, asset, i)
-        source = b.zigzag() + (asset["source_vertex"][ref] if ref >= 0 else 0)
-        need(0 <= source < m["n"], "source vertex")
-        asset["source_vertex"].append(source)
-    masses = b.numbers("f", end - first)
-    need(all(math.isfinite(x) and x > 0 for x in masses), "mass")
-    asset["mass"] += masses
-    death = first
-    new_deaths = []
-    for _ in range(chunk["end_face"] - chunk["first_face"]):
-        death += b.varint()
-        need(death < end, "death")
-        new_deaths.append(death)
+        known = asset["source_vertex"][ref] if ref >= 0 else 0
+        asset["source_vertex"].append(known + b.signed(source))
+        need(0 <= asset["source_vertex"][-1] < m["n"], "source vertex")
+        bits = (bits_of(asset["mass"][ref] if ref >= 0 else 1.0) + b.signed(mass)) % (1 << 32)
+        asset["mass"].append(struct.unpack("<f", struct.pack("<I", bits))[0])
+        need(math.isfinite(asset["mass"][-1]) and asset["mass"][-1] > 0, "mass")
+    new_deaths, total = [], chunk["end_face"] - chunk["first_face"]
+    for i in range(first, end):
+        if len(new_deaths) < total:
+            new_deaths += [i] * b.number(deaths)
+    need(len(new_deaths) == total, "number of faces")
+
+    def moved(model, v, level):
+        rows = arrivals_by(m, asset, v, level, first, end)
+        move = b.number(model) if rows else 0
+        need(move <= len(rows), "move")
+        return rows[move - 1] if move else v
+
     new_faces = []
     for death in new_deaths:
-        face, corner = [], death
-        for _ in range(3):
-            corner += b.zigzag()
-            need(0 <= corner < end, "corner")
-            face.append(corner)
+        which = b.number(order)
+        if which < 6:
+            need(death >= m["q"], "a face of the base dies")
+            stood = [death, asset["map"][death], death - b.number(third)]
+            need(0 <= stood[2] < death, "corner")
+            at = which // 2
+            places = [at, (at + 1 + which % 2) % 3]
+            face = [None] * 3
+            for place, v in zip(places + [3 - sum(places)], stood):
+                face[place] = moved(new_move, v, death + 1)
+        else:
+            need(which == 6, "order of corners")
+            face = [b.number(corner) for _ in range(3)]
+            need(max(face) < end, "corner")
         need(len(set(face)) == 3, "a face repeats a corner")
         new_faces.append(face)
-    stands_for = {}
-    for i in range(first, end):
-        v = i
-        while v >= first and v != asset["map"][v]:
-            v = asset["map"][v]
-        if v < first:
-            stands_for.setdefault(v, []).append(i)
     for face in asset["faces"]:
-        for k, v in enumerate(face):
-            if v in stands_for:
-                move = b.varint()
-                need(move <= len(stands_for[v]), "move")
-                face[k] = stands_for[v][move - 1] if move else v
-    counts = [b.varint() for _ in range(first, end)]
-    need(all(count <= 8 for count in counts), "too many predictors of a row")
-    rows = []
-    for i, count in zip(range(first, end), counts):
-        rows.append([i - b.varint() for _ in range(count)])
-        need(all(0 <= row < i for row in rows[-1]), "a predictor does not come before its row")
-    weights = [[b.zigzag() for _ in range(count)] for count in counts]
-    need(all(-511 <= weight <= 511 for row in weights for weight in row), "a weight is out of range")
-    chunk["predictors"] = [list(zip(*pair)) for pair in zip(rows, weights)]
+        face[:] = [moved(old_move, v, first) for v in face]
+    chunk["predictors"] = []
+    for i in range(first, end):
+        count = b.number(many)
+        need(count <= 8, "too many predictors of a row")
+        pairs = [(i - b.number(predictor), b.signed(weight)) for _ in range(count)]
+        need(all(0 <= row < i and -511 <= w <= 511 for row, w in pairs), "a predictor is out of range")
+        chunk["predictors"].append(pairs)
     b.end()
     asset["faces"] += new_faces
     asset["death"] += new_deaths
@@ -264,7 +255,9 @@ def predicted_float(column, row, predictors):
     return as_f32(min(max(total / weights, -largest), largest))
 
 
-def add_coded_basis(m, asset, chunk, low, high, b):
+def add_basis(m, asset, chunk, band, b):
+    low = m["band_ends"][band - 1] if band else 0
+    high = m["band_ends"][band]
     first, end = chunk["first_row"], chunk["end_row"]
     levels = [150] * (end - first)
     contexts = [{} for _ in range(40)]
@@ -301,39 +294,6 @@ def add_coded_basis(m, asset, chunk, low, high, b):
     b.end()
 
 
-def add_basis(m, asset, chunk, band, b):
-    low = m["band_ends"][band - 1] if band else 0
-    high = m["band_ends"][band]
-    if isinstance(b, Coded):
-        add_coded_basis(m, asset, chunk, low, high, b)
-        return
-    first_integer = min(max(m["E"], low), high)
-    rows = chunk["end_row"] - chunk["first_row"]
-    floats = rows * (first_integer - low)
-    planes = [b.take(floats) for _ in range(4)]
-    low_bytes, high_bytes = (b.take(rows * (high - first_integer)) for _ in range(2))
-    b.end()
-    at = 0
-    for k in range(low, first_integer):
-        for i in range(chunk["first_row"], chunk["end_row"]):
-            value = struct.unpack("<f", bytes(plane[at] for plane in planes))[0]
-            need(math.isfinite(value), "a basis value is not finite")
-            asset["columns"][k].append(value)
-            at += 1
-    at = 0
-    for k in range(first_integer, high):
-        column = asset["columns"][k]
-        for i in range(chunk["first_row"], chunk["end_row"]):
-            z = low_bytes[at] | high_bytes[at] << 8
-            predictors = chunk["predictors"][i - chunk["first_row"]]
-            predicted = (sum(weight * column[row] for row, weight in predictors) + 32) >> 6
-            value = ((z >> 1) ^ (0xFFFF if z & 1 else 0)) + predicted
-            value = (value + 0x8000) % 0x10000 - 0x8000
-            need(value != -32768 and (value == 0 or m["column_scales"][k - m["E"]] != 0), "a basis value is out of range")
-            column.append(value)
-            at += 1
-
-
 def as_f32(x):
     return struct.unpack("<f", struct.pack("<f", x))[0]
 
@@ -343,7 +303,7 @@ def read_asset(manifest_bytes, chunk_bytes):
     need(len(chunk_bytes) == len(m["chunks"]), "number of chunks")
     asset = {"map": [], "source_vertex": [], "mass": [], "faces": [], "death": [], "columns": [[] for _ in range(m["r"])]}
     for chunk, data in zip(m["chunks"], chunk_bytes):
-        need(len(data) == sum(t["stored"] for t in chunk["tiles"]), "length of a chunk")
+        need(len(data) == sum(t["bytes"] for t in chunk["tiles"]), "length of a chunk")
         need(hashlib.sha256(data).digest() == chunk["id"], "a chunk does not have its hash")
         add_structure(m, asset, chunk, tile_bytes(chunk, data, 0))
         for band in range(len(m["band_ends"])):
@@ -353,7 +313,7 @@ def read_asset(manifest_bytes, chunk_bytes):
     for k in range(m["E"], m["r"]):
         columns[k] = [as_f32(v * m["column_scales"][k - m["E"]]) for v in columns[k]]
     facts = {key: m[key] for key in ("n", "r", "q", "F", "band_ends", "up_axis", "handedness", "metres_per_unit", "area",
-                                     "box_low", "box_high", "origin", "basis_kind", "name", "rest")}
+                                     "box_low", "box_high", "origin", "basis_kind", "operator_kind", "name", "level_errors", "rest")}
     return {"id": hashlib.sha256(manifest_bytes).hexdigest(), **facts, **asset, "basis": [list(row) for row in zip(*columns)]}
 
 

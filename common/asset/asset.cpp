@@ -178,8 +178,16 @@ Result<void> check_counts(const AssetFacts& a) {
 
 Result<void> check_facts(const AssetFacts& a) {
   if (auto counts = check_counts(a); !counts) return counts;
-  if (a.name.size() > asset_limits::kMaxNameBytes || a.basis_kind.size() > asset_limits::kMaxBasisKindBytes)
-    return fail(ErrorCode::kTooLarge, "its name or the kind of its basis is too long");
+  if (a.name.size() > asset_limits::kMaxNameBytes || a.basis_kind.size() > asset_limits::kMaxKindBytes ||
+      a.operator_kind.size() > asset_limits::kMaxKindBytes || a.level_errors.size() > asset_limits::kMaxLevelErrors)
+    return fail(ErrorCode::kTooLarge, "its name, a kind or its list of levels is too long");
+  std::uint32_t least = a.base_count;
+  for (const GeometricError& error : a.level_errors) {
+    if (error.rows < least || error.rows >= a.vertex_count || !(error.rms >= 0 && error.rms <= error.largest) ||
+        !std::isfinite(error.largest))
+      return corrupt_asset("the error of level " + std::to_string(error.rows) + " is out of range");
+    least = error.rows + 1;
+  }
   if (a.band_ends.empty() || a.band_ends.size() > asset_limits::kMaxBands || a.band_ends.back() != a.rank)
     return corrupt_asset("bands must be 1 to 8 and end at the rank");
   for (std::size_t b = 0; b < a.band_ends.size(); ++b) {

@@ -40,16 +40,26 @@ struct AssetTexture {
 /// The step of the grid from low to high that is nearest. REQUIRES: low <= value <= high.
 std::uint16_t texture_grid(float value, float low, float high);
 
+/// How far a surface at a level of detail is from itself with all vertices, over the diagonal of the rest box: from
+/// vertices to the nearest point of what is drawn, at rest and in poses that the baker was given.
+struct GeometricError {
+  std::uint32_t rows = 0;  ///< The level.
+  float rms = 0;           ///< Over vertices by their masses, and poses.
+  float largest = 0;
+  bool operator==(const GeometricError&) const = default;
+};
+
 /// What an asset's manifest states of it.
 struct AssetFacts {
   enum class UpAxis : std::uint8_t { kUnknown, kX, kY, kZ };
   enum class Handedness : std::uint8_t { kRight, kLeft };
 
-  std::uint32_t vertex_count = 0;        ///< n
-  std::uint32_t rank = 0;                ///< r
-  std::uint32_t base_count = 0;          ///< q
-  std::uint32_t face_total = 0;          ///< F of the finished asset.
-  std::string basis_kind = "augmented";  ///< "harmonic", "augmented", ...: for people, no arithmetic depends on it.
+  std::uint32_t vertex_count = 0;           ///< n
+  std::uint32_t rank = 0;                   ///< r
+  std::uint32_t base_count = 0;             ///< q
+  std::uint32_t face_total = 0;             ///< F of the finished asset.
+  std::string basis_kind = "augmented";     ///< "harmonic", "augmented", ...: for people, no arithmetic depends on it.
+  std::string operator_kind = "cotangent";  ///< Whose eigenvectors, and masses, these are: for people, too.
   std::vector<std::uint32_t> band_ends;
   std::vector<double> rest;  ///< r x 3, row-major: coefficients of the rest pose.
   double area = 0;           ///< trace M
@@ -59,6 +69,7 @@ struct AssetFacts {
   std::array<double, 3> box_low{}, box_high{};  ///< Bound the rest pose.
   std::array<double, 3> origin{};  ///< Where the asset's zero lies in the source's space: source = asset + origin.
   std::string name;
+  std::vector<GeometricError> level_errors;  ///< By rows, ascending from q, all below n; at n it is 0. Empty: unknown.
 
   bool is_point_cloud() const { return face_total == 0; }
   double diagonal() const;  ///< The rest box's.

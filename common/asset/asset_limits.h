@@ -14,13 +14,13 @@ inline constexpr std::size_t kMaxBands = 8;
 inline constexpr std::size_t kMaxChunks = 4096;
 inline constexpr std::size_t kMaxTilesPerChunk = 64;
 inline constexpr std::size_t kMaxSections = 256;
-inline constexpr std::size_t kMaxBasisKindBytes = 64;
+inline constexpr std::size_t kMaxKindBytes = 64;  ///< Of the basis, of the operator.
+inline constexpr std::size_t kMaxLevelErrors = 32;
 inline constexpr std::size_t kMaxNameBytes = 1024;
 inline constexpr std::uint64_t kMaxManifestBytes = std::uint64_t{16} << 20;  ///< More than all other limits allow it.
 inline constexpr std::uint64_t kMaxObjectBytes = std::uint64_t{256} << 20;   ///< One chunk, as stored.
-inline constexpr std::uint64_t kMaxTileBytes = std::uint64_t{256} << 20;     ///< One tile, decompressed.
 inline constexpr std::uint64_t kMaxDecodedBytes = std::uint64_t{4} << 30;    ///< n r floats.
-/// What a chunk may grow to: kFreeGrowth + kMaxExpansion times its stored bytes. A smooth basis expands less than
+/// What a chunk may grow to in memory: kFreeGrowth + kMaxExpansion times its bytes. A smooth basis expands less than
 /// 20-fold.
 inline constexpr std::uint64_t kMaxExpansion = 1024;
 inline constexpr std::uint64_t kFreeGrowth = std::uint64_t{1} << 20;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -17,8 +16,6 @@
 
 namespace eigencast {
 namespace {
-
-constexpr std::size_t kWeighedBytes = std::size_t{1} << 20;  // of a tile, up to which both ways of storing it are tried
 
 /// Moves each corner to the vertex that represents it with N vertices.
 void move_to_level(std::span<const std::uint32_t> map, std::uint32_t N, std::span<Corners> faces) {
@@ -85,9 +82,7 @@ class Encoder {
     std::vector<NewTile> basis = basis_tiles(ends);
     EncodedAsset encoded;
     for (std::size_t c = 0; c < ends.size(); ++c) {
-      auto chunk = encode_chunk(ends[c], std::span(basis).subspan(c * bands(), bands()));
-      if (!chunk) return chunk.error();
-      encoded.chunks.push_back(std::move(*chunk));
+      encoded.chunks.push_back(encode_chunk(ends[c], std::span(basis).subspan(c * bands(), bands())));
     }
     encoded.manifest.bytes = write_manifest(manifest_);
     encoded.manifest.id = sha256(encoded.manifest.bytes);
@@ -99,8 +94,7 @@ class Encoder {
  private:
   struct NewTile {
     TileEntry entry;
-    Bytes stored;
-    std::optional<Error> failed;
+    Bytes bytes;
   };
 
   std::size_t bands() const { return asset_.band_ends.size(); }
@@ -118,12 +112,12 @@ class Encoder {
       const BasisBlock block{
           c == 0 ? 0 : ends[c - 1], ends[c],      first_column, end_column, manifest_.exact_columns, asset_.rank,
           manifest_.column_scales,  predictors[c]};
-      tiles[at] = basis_tile(block, b);
+      tiles[at] = tile_of(TileKind::kBasis, b, encode_basis(block, basis_));
     });
     return tiles;
   }
 
-  Result<AssetObject> encode_chunk(std::uint32_t end_row, std::span<NewTile> basis) {
+  AssetObject encode_chunk(std::uint32_t end_row, std::span<NewTile> basis) {
     const ChunkRange range{row_, end_row, asset_.base_count, asset_.vertex_count};
     const auto end_death = std::lower_bound(asset_.death.begin(), asset_.death.end(), end_row);
     const auto end_face = static_cast<std::uint32_t>(end_death - asset_.death.begin());
@@ -132,12 +126,11 @@ class Encoder {
     entry.end_face = end_face;
     AssetObject object;
     const Predictors predictors = part_of(predictors_, row_, end_row);
-    std::vector<NewTile> tiles{packed(TileKind::kStructure, 0, structure(range, end_face, predictors))};
+    std::vector<NewTile> tiles{tile_of(TileKind::kStructure, 0, structure(range, end_face, predictors))};
     std::move(basis.begin(), basis.end(), std::back_inserter(tiles));
     add_extras(end_row, tiles);
     for (const NewTile& tile : tiles) {
-      if (tile.failed) return *tile.failed;
-      object.bytes.insert(object.bytes.end(), tile.stored.begin(), tile.stored.end());
+      object.bytes.insert(object.bytes.end(), tile.bytes.begin(), tile.bytes.end());
       entry.tiles.push_back(tile.entry);
     }
     object.id = entry.id = sha256(object.bytes);
@@ -162,81 +155,37 @@ class Encoder {
     tile.old_faces.assign(now.begin(), now.begin() + old_count);
     tile.faces.assign(now.begin() + old_count, now.end());
     tile.death.assign(asset_.death.begin() + old_count, asset_.death.begin() + end_face);
-    Bytes raw = encode_structure(range, tile, std::span(asset_.map).first(range.first_row),
-                                 std::span(asset_.source_vertex).first(range.first_row), faces_);
+    Bytes coded = encode_structure(range, tile,
+                                   {std::span(asset_.source_vertex).first(range.first_row),
+                                    std::span(asset_.mass).first(range.first_row), faces_});
     faces_ = std::move(now);
-    return raw;
+    return coded;
   }
 
   void add_extras(std::uint32_t end_row, std::vector<NewTile>& tiles) const {
     if (asset_.splats.size() > 0) {
-      tiles.push_back(packed(TileKind::kSplats, 0,
-                             encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal())));
+      tiles.push_back(tile_of(TileKind::kSplats, 0,
+                              encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal())));
     }
     const auto map = std::span(asset_.map).subspan(row_, end_row - row_);
-    if (detail_.size() > 0) tiles.push_back(packed(TileKind::kDetail, 0, encode_detail(detail_, row_, map)));
+    if (detail_.size() > 0) tiles.push_back(tile_of(TileKind::kDetail, 0, encode_detail(detail_, row_, map)));
     if (!asset_.colours.empty()) {
-      tiles.push_back(packed(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
+      tiles.push_back(tile_of(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
     }
     if (asset_.texture && end_row == asset_.vertex_count) {
-      tiles.push_back(packed(TileKind::kUvs, 0, encode_uvs(*asset_.texture, asset_)));
-      tiles.push_back(packed(TileKind::kImage, 0, asset_.texture->image));
+      tiles.push_back(tile_of(TileKind::kUvs, 0, encode_uvs(*asset_.texture, asset_)));
+      tiles.push_back(tile_of(TileKind::kImage, 0, asset_.texture->image));
     }
   }
 
-  /// Takes the smaller of the two ways. Large tiles are only coded, which takes a third less time:
-  /// zstd wins where entries repeat, as in small surfaces that are made by rule.
-  NewTile basis_tile(const BasisBlock& block, std::size_t b) const {
-    const std::size_t raw_bytes = basis_tile_bytes(manifest_, b, block.end_row - block.first_row);
-    NewTile coded = tile_of(TileKind::kBasis, b, raw_bytes);
-    bool readable = false;
-    if (encoding_.code && raw_bytes <= asset_limits::kMaxTileBytes) {
-      keep(coded, Compression::kCoded, code_basis(block, basis_));
-      readable = raw_bytes <= asset_limits::kMaxExpansion * coded.stored.size();
-      if (readable && raw_bytes > kWeighedBytes) return coded;
-    }
-    NewTile plain = packed(TileKind::kBasis, b, encode_basis(block, basis_));
-    return readable && (plain.failed || coded.stored.size() < plain.stored.size()) ? coded : plain;
-  }
-
-  static NewTile tile_of(TileKind kind, std::size_t index, std::size_t raw_bytes) {
-    NewTile tile;
-    tile.entry.kind = static_cast<std::uint8_t>(kind);
-    tile.entry.index = static_cast<std::uint8_t>(index);
-    tile.entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
-    tile.entry.raw_bytes = static_cast<std::uint32_t>(raw_bytes);
-    return tile;
-  }
-
-  static void keep(NewTile& tile, Compression compression, Bytes stored) {
-    tile.entry.compression = compression;
-    tile.entry.stored_bytes = static_cast<std::uint32_t>(stored.size());
-    tile.entry.hash = sha256(stored);
-    tile.stored = std::move(stored);
-  }
-
-  NewTile packed(TileKind kind, std::size_t index, Bytes raw) const {
-    NewTile tile = tile_of(kind, index, raw.size());
-    if (raw.size() > asset_limits::kMaxTileBytes) {
-      tile.failed =
-          fail(ErrorCode::kTooLarge, "asset: a tile of " + std::to_string(raw.size()) + " bytes is over the limit of " +
-                                         std::to_string(asset_limits::kMaxTileBytes) + "; a base of " +
-                                         std::to_string(asset_.base_count) + " vertices must fit the first chunk");
-      return tile;
-    }
-    if (encoding_.compress && kind != TileKind::kImage) {  // which is compressed already
-      auto smaller = zstd_compress(raw);
-      if (!smaller) {
-        tile.failed = smaller.error();
-        return tile;
-      }
-      if (smaller->size() < raw.size()) {
-        keep(tile, Compression::kZstd, std::move(*smaller));
-        return tile;
-      }
-    }
-    keep(tile, Compression::kStored, std::move(raw));
-    return tile;
+  static NewTile tile_of(TileKind kind, std::size_t index, Bytes bytes) {
+    TileEntry entry;
+    entry.kind = static_cast<std::uint8_t>(kind);
+    entry.index = static_cast<std::uint8_t>(index);
+    entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
+    entry.bytes = static_cast<std::uint32_t>(bytes.size());
+    entry.hash = sha256(bytes);
+    return {entry, std::move(bytes)};
   }
 
   const Asset& asset_;
@@ -262,7 +211,7 @@ std::size_t EncodedAsset::detail_bytes() const {
   const auto read = read_manifest(manifest.bytes);
   std::size_t sum = 0;
   for (std::size_t c = 0; read && c < read->chunks.size(); ++c) {
-    for (const TileEntry& tile : read->chunks[c].tiles) sum += tile.is(TileKind::kDetail) ? tile.stored_bytes : 0;
+    for (const TileEntry& tile : read->chunks[c].tiles) sum += tile.is(TileKind::kDetail) ? tile.bytes : 0;
   }
   return sum;
 }

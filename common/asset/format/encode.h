@@ -28,8 +28,6 @@ struct EncodedAsset {
 struct AssetEncoding {
   std::uint32_t exact_columns = 4;        ///< Leading columns kept as float32, so that the rest pose stays exact.
   std::uint32_t first_chunk_rows = 1024;  ///< At least; each chunk doubles what is there.
-  bool compress = true;                   ///< zstd where it makes a tile smaller.
-  bool code = true;                       ///< Basis tiles coded where that is smaller.
   /// How large the coefficients get, r: the norms over x, y, z of each, at most. With them the inexact columns get the
   /// steps by which rounding moves a vertex by `error` (root mean square, model units) when they are as large as that;
   /// empty: the finest steps of 16 bits.

@@ -6,15 +6,13 @@
 #include <utility>
 
 #include "common/asset/asset_limits.h"
-#include "common/asset/tiles/tiles.h"
-#include "common/core/bands.h"
 
 namespace eigencast {
 namespace {
 
 constexpr std::uint32_t kVersion = 1;
 constexpr std::size_t kMinChunkEntryBytes = 4 + 4 + 32 + 1;
-constexpr std::size_t kTileEntryBytes = 4 + 4 + 4 + 32;
+constexpr std::size_t kTileEntryBytes = 3 + 4 + 32;
 constexpr std::size_t kSectionEntryBytes = 2 + 1 + 8 + 32;
 
 Sha256 get_digest(ByteReader& in) {
@@ -97,9 +95,11 @@ class Parser {
   }
 
   Result<void> texts() {
-    const ByteView kind = in_.bytes(in_.u8());
-    if (kind.size() > asset_limits::kMaxBasisKindBytes) return corrupt_manifest("basis kind is too long");
-    manifest_.facts.basis_kind.assign(kind.begin(), kind.end());
+    for (std::string* kind : {&manifest_.facts.basis_kind, &manifest_.facts.operator_kind}) {
+      const ByteView text = in_.bytes(in_.u8());
+      if (text.size() > asset_limits::kMaxKindBytes) return corrupt_manifest("the kind of its basis is too long");
+      kind->assign(text.begin(), text.end());
+    }
     const ByteView name = in_.bytes(in_.u16());
     if (name.size() > asset_limits::kMaxNameBytes) return corrupt_manifest("name is too long");
     manifest_.facts.name.assign(name.begin(), name.end());
@@ -119,6 +119,15 @@ class Parser {
       // The largest integer is 32767: scale * 32767 must still be a float.
       if (!asset_limits::is_column_scale(s)) return corrupt_manifest("a column scale is out of range");
     }
+    const std::size_t levels = in_.u8();
+    if (levels > asset_limits::kMaxLevelErrors) return corrupt_manifest("its list of levels is too long");
+    for (std::size_t i = 0; i < levels; ++i) {
+      GeometricError& error = a.level_errors.emplace_back();
+      error.rows = in_.u32();
+      error.rms = in_.f32();
+      error.largest = in_.f32();
+    }
+    if (in_.failed()) return corrupt_manifest("ends too early");
     if (auto facts = check_facts(a); !facts) return in_context("asset manifest", facts.error());
     return {};
   }
@@ -160,88 +169,56 @@ class Parser {
     }
     if (in_.remaining() < tiles * kTileEntryBytes) return corrupt_manifest("ends too early");
     for (std::size_t t = 0; t < tiles; ++t) {
-      TileEntry tile;
-      const std::uint64_t rows = chunk.end_row - first_row;
-      const std::uint64_t faces = chunk.end_face - first_face;
-      const std::string which = where + " tile " + std::to_string(t);
-      if (auto read = one_tile(which, t, first_row, rows, faces, first_face, tile); !read) return read;
-      chunk.tiles.push_back(tile);
+      auto tile = one_tile(where + " tile " + std::to_string(t), t);
+      if (!tile) return tile.error();
+      chunk.tiles.push_back(*tile);
     }
-    const std::uint64_t stored = chunk.stored_bytes();
-    if (stored > asset_limits::kMaxObjectBytes)
-      return too_large_in_manifest(where, stored, asset_limits::kMaxObjectBytes);
-    std::uint64_t raw = 0;
-    for (const TileEntry& tile : chunk.tiles) raw += tile.raw_bytes;
-    const std::uint64_t allowed = asset_limits::kFreeGrowth + stored * asset_limits::kMaxExpansion;
-    if (raw > allowed) return too_large_in_manifest(where + ", decompressed,", raw, allowed);
+    const std::uint64_t bytes = chunk.bytes();
+    if (bytes > asset_limits::kMaxObjectBytes)
+      return too_large_in_manifest(where, bytes, asset_limits::kMaxObjectBytes);
+    const std::uint64_t taken = memory_of(chunk, chunk.end_row - first_row, chunk.end_face - first_face);
+    const std::uint64_t allowed = asset_limits::kFreeGrowth + bytes * asset_limits::kMaxExpansion;
+    if (taken > allowed) return too_large_in_manifest(where + ", in memory,", taken, allowed);
     return {};
   }
 
-  Result<void> one_tile(const std::string& where, std::size_t t, std::uint32_t first_row, std::uint64_t rows,
-                        std::uint64_t faces, std::uint64_t old_faces, TileEntry& tile) {
+  /// What decoding the chunk adds to the asset's arrays, about.
+  std::uint64_t memory_of(const ChunkEntry& chunk, std::uint64_t rows, std::uint64_t faces) const {
+    constexpr std::uint64_t kRowBytes = 12, kFaceBytes = 16;
+    const std::uint64_t exact = manifest_.exact_columns, rank = manifest_.facts.rank;
+    std::uint64_t row_bytes = kRowBytes + 4 * exact + 2 * (rank - exact);
+    for (const TileEntry& tile : chunk.tiles) row_bytes += tile.is(TileKind::kDetail) ? 4 * rank : 0;
+    return rows * row_bytes + faces * kFaceBytes;
+  }
+
+  Result<TileEntry> one_tile(const std::string& where, std::size_t t) {
+    TileEntry tile;
     tile.kind = in_.u8();
     tile.index = in_.u8();
     const std::uint8_t required = in_.u8();
-    const std::uint8_t compression = in_.u8();
-    tile.stored_bytes = in_.u32();
-    tile.raw_bytes = in_.u32();
+    tile.bytes = in_.u32();
     tile.hash = get_digest(in_);
     if (required > 1) return corrupt_manifest(where + ": reserved flag bits are set");
     tile.required = required == 1;
-    const bool known = t <= manifest_.facts.band_ends.size();
-    const bool coded = compression == static_cast<std::uint8_t>(Compression::kCoded);
-    if (compression > 1 && !(coded && known && t > 0)) {
-      if (!known && !tile.required) {
-        tile.raw_bytes = 0;  // never decompressed
-        return {};
-      }
-      return fail(ErrorCode::kUnsupported,
-                  "asset manifest: " + where + ": unknown compression " + std::to_string(compression));
+    const bool is_basis = t > 0 && t <= manifest_.facts.band_ends.size();
+    if (t == 0 || is_basis) {
+      const std::size_t index = is_basis ? t - 1 : 0;
+      if (!tile.is(is_basis ? TileKind::kBasis : TileKind::kStructure) || tile.index != index || !tile.required)
+        return corrupt_manifest(where + ": not the structure tile first and then the bands in order, all required");
+      return tile;
     }
-    tile.compression = static_cast<Compression>(compression);
-    if (tile.raw_bytes > asset_limits::kMaxTileBytes)
-      return too_large_in_manifest(where, tile.raw_bytes, asset_limits::kMaxTileBytes);
-    if (tile.compression == Compression::kStored && tile.raw_bytes != tile.stored_bytes) {
-      return corrupt_manifest(where + ": stored, yet its two sizes differ");
-    }
-    return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, first_row, rows, tile);
-  }
-
-  Result<void> known_tile(const std::string& where, std::size_t t, std::uint64_t rows, std::uint64_t faces,
-                          std::uint64_t old_faces, const TileEntry& tile) {
-    const std::size_t index = t == 0 ? 0 : t - 1;
-    if (!tile.is(t == 0 ? TileKind::kStructure : TileKind::kBasis) || tile.index != index || !tile.required) {
-      return corrupt_manifest(where + ": not the structure tile first and then the bands in order, all required");
-    }
-    const std::uint64_t least =
-        t > 0 ? basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows)) : min_structure_bytes(rows, faces);
-    const std::uint64_t most = t > 0 ? least : max_structure_bytes(rows, faces, old_faces);
-    if (tile.raw_bytes < least || tile.raw_bytes > most)
-      return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows and faces");
-    return {};
-  }
-
-  Result<void> extra_tile(const std::string& where, std::uint32_t first_row, std::uint64_t rows,
-                          const TileEntry& tile) {
     if (tile.kind == 0 || tile.is(TileKind::kStructure) || tile.is(TileKind::kBasis))
       return corrupt_manifest(where + ": a second structure or basis tile");
-    const auto detail = [&](std::uint32_t axes) { return detail_bytes(rows, first_row, manifest_.facts.rank, axes); };
-    const bool is_splats = tile.is(TileKind::kSplats), is_colours = tile.is(TileKind::kColours) && tile.index == 0,
-               is_detail = tile.is(TileKind::kDetail) && tile.index == 0;
-    const std::uint64_t bytes = tile.raw_bytes;
-    if ((is_splats && (bytes < min_splat_bytes(rows) || bytes > max_splat_bytes(rows))) ||
-        (is_colours && bytes != colour_bytes(rows)) || (is_detail && bytes != detail(1) && bytes != detail(3))) {
-      return corrupt_manifest(where + ": " + std::to_string(bytes) + " bytes do not fit its rows");
-    }
-    if (is_splats || is_colours || is_detail) return {};
-    if (tile.is(TileKind::kImage) && tile.raw_bytes > AssetTexture::kMaxImageBytes)
-      return too_large_in_manifest(where + ", an image,", tile.raw_bytes, AssetTexture::kMaxImageBytes);
-    if (tile.required) {
+    const bool known = tile.is(TileKind::kSplats) || tile.is(TileKind::kColours) || tile.is(TileKind::kDetail) ||
+                       tile.is(TileKind::kUvs) || tile.is(TileKind::kImage);
+    if (tile.is(TileKind::kImage) && tile.bytes > AssetTexture::kMaxImageBytes)
+      return too_large_in_manifest(where + ", an image,", tile.bytes, AssetTexture::kMaxImageBytes);
+    if (tile.required && !(known && tile.index == 0)) {
       return fail(ErrorCode::kUnsupported, "asset manifest: " + where + " is required and of kind " +
                                                std::to_string(tile.kind) +
                                                ", which this build does not know; update Eigencast");
     }
-    return {};
+    return tile;
   }
 
   Result<void> sections() {
@@ -282,18 +259,16 @@ void write_chunk_entry(ByteWriter& out, const ChunkEntry& chunk) {
     out.u8(tile.kind);
     out.u8(tile.index);
     out.u8(tile.required ? 1 : 0);
-    out.u8(static_cast<std::uint8_t>(tile.compression));
-    out.u32(tile.stored_bytes);
-    out.u32(tile.raw_bytes);
+    out.u32(tile.bytes);
     out.bytes(tile.hash.digest);
   }
 }
 
 }  // namespace
 
-std::uint64_t ChunkEntry::stored_bytes() const {
+std::uint64_t ChunkEntry::bytes() const {
   std::uint64_t sum = 0;
-  for (const TileEntry& tile : tiles) sum += tile.stored_bytes;
+  for (const TileEntry& tile : tiles) sum += tile.bytes;
   return sum;
 }
 
@@ -313,12 +288,20 @@ Bytes write_manifest(const Manifest& manifest) {
   for (const auto* triple : {&a.box_low, &a.box_high, &a.origin}) {
     for (const double x : *triple) out.f64(x);
   }
-  out.u8(static_cast<std::uint8_t>(a.basis_kind.size()));
-  out.text(a.basis_kind);
+  for (const std::string& kind : {a.basis_kind, a.operator_kind}) {
+    out.u8(static_cast<std::uint8_t>(kind.size()));
+    out.text(kind);
+  }
   out.u16(static_cast<std::uint16_t>(a.name.size()));
   out.text(a.name);
   for (const double c : a.rest) out.f64(c);
   for (const float s : manifest.column_scales) out.f32(s);
+  out.u8(static_cast<std::uint8_t>(a.level_errors.size()));
+  for (const GeometricError& error : a.level_errors) {
+    out.u32(error.rows);
+    out.f32(error.rms);
+    out.f32(error.largest);
+  }
   out.u32(static_cast<std::uint32_t>(manifest.chunks.size()));
   for (const ChunkEntry& chunk : manifest.chunks) write_chunk_entry(out, chunk);
   out.u16(static_cast<std::uint16_t>(manifest.sections.size()));
@@ -349,9 +332,11 @@ std::vector<Sha256> objects_of_manifest(ByteView bytes) {
   if (version != kVersion || rank > asset_limits::kMaxRank || exact > rank) return {};
   in.bytes(in.u8() * sizeof(std::uint32_t));  // Bands.
   in.bytes(2 + 11 * sizeof(double));          // Axes, metres, area, box, origin.
-  in.bytes(in.u8());                          // Kind.
+  in.bytes(in.u8());                          // Kind of basis,
+  in.bytes(in.u8());                          // of operator.
   in.bytes(in.u16());                         // Name.
   in.bytes(3 * sizeof(double) * rank + sizeof(float) * (rank - exact));
+  in.bytes(in.u8() * 3 * sizeof(float));  // Levels.
   const std::uint32_t chunks = in.u32();
   if (chunks > asset_limits::kMaxChunks) return {};
   for (std::uint32_t left = chunks; left > 0 && !in.failed(); --left) {
@@ -366,12 +351,6 @@ std::vector<Sha256> objects_of_manifest(ByteView bytes) {
     ids.push_back(get_digest(in));
   }
   return in.finished() ? ids : std::vector<Sha256>();
-}
-
-std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows) {
-  const auto [begin, end] = band_range(manifest.facts.band_ends, band);
-  const std::uint32_t first_integer = std::clamp(manifest.exact_columns, begin, end);
-  return std::uint64_t{rows} * (4 * (first_integer - begin) + 2 * (end - first_integer));
 }
 
 }  // namespace eigencast

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "common/asset/asset.h"
-#include "common/asset/tiles/compression.h"
 #include "common/core/bytes.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
@@ -31,10 +30,8 @@ struct TileEntry {
   std::uint8_t kind = 0;   ///< TileKind, or one that this reader does not know.
   std::uint8_t index = 0;  ///< kBasis: the band. Else 0.
   bool required = true;    ///< A reader that does not know the kind must refuse the asset.
-  Compression compression = Compression::kStored;
-  std::uint32_t stored_bytes = 0;
-  std::uint32_t raw_bytes = 0;
-  Sha256 hash;  ///< Covers the stored bytes.
+  std::uint32_t bytes = 0;
+  Sha256 hash;  ///< Covers them.
 
   bool is(TileKind known) const { return kind == static_cast<std::uint8_t>(known); }
 };
@@ -44,7 +41,7 @@ struct ChunkEntry {
   std::uint32_t end_face = 0;  ///< Faces after this chunk: those with death < end_row.
   Sha256 id;                   ///< Hashes all the chunk's bytes.
   std::vector<TileEntry> tiles;
-  std::uint64_t stored_bytes() const;
+  std::uint64_t bytes() const;
 };
 
 /// An object that belongs to the whole asset, such as a texture.
@@ -74,8 +71,5 @@ Result<Manifest> read_manifest(ByteView bytes);
 /// The ids of the chunks and sections of a manifest, whether this build knows their kinds or not; none if it is damaged
 /// or of another version. Safe on hostile input.
 std::vector<Sha256> objects_of_manifest(ByteView bytes);
-
-/// Bytes of band `band` of `rows` rows, decompressed.
-std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows);
 
 }  // namespace eigencast

@@ -20,24 +20,13 @@ std::string chunk_name(std::size_t index) {
   return "asset chunk " + std::to_string(index);
 }
 
-struct FoundTile {
-  const TileEntry* entry;
-  ByteView stored;
-};
-
-Result<Bytes> unpacked(const FoundTile& tile) {
-  if (tile.entry->compression == Compression::kZstd) return zstd_decompress(tile.stored, tile.entry->raw_bytes);
-  return Bytes(tile.stored.begin(), tile.stored.end());
-}
-
-/// The first tile of a kind that may be absent, of set 0; nothing where `bytes` end before it.
-std::optional<FoundTile> find_tile(const ChunkEntry& chunk, ByteView bytes, TileKind kind) {
+/// The tile of a kind that may be absent, of set 0; nothing where `bytes` end before it.
+std::optional<ByteView> find_tile(const ChunkEntry& chunk, ByteView bytes, TileKind kind) {
   std::size_t at = 0;
   for (const TileEntry& tile : chunk.tiles) {
-    const bool wanted = tile.is(kind) && tile.index == 0 && tile.raw_bytes > 0;
-    if (at + tile.stored_bytes > bytes.size()) break;
-    if (wanted) return FoundTile{&tile, bytes.subspan(at, tile.stored_bytes)};
-    at += tile.stored_bytes;
+    if (at + tile.bytes > bytes.size()) break;
+    if (tile.is(kind) && tile.index == 0) return bytes.subspan(at, tile.bytes);
+    at += tile.bytes;
   }
   return std::nullopt;
 }
@@ -63,8 +52,8 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   reader.bands_ = std::min(bands, reader.asset_.band_ends.size());
   std::uint32_t row = 0;
   for (const ChunkEntry& entry : reader.manifest_->chunks) {
-    ChunkRef ref{entry.id, entry.stored_bytes(), 0, row, entry.end_row};
-    for (std::size_t t = 0; t <= reader.bands_; ++t) ref.needed_bytes += entry.tiles[t].stored_bytes;
+    ChunkRef ref{entry.id, entry.bytes(), 0, row, entry.end_row};
+    for (std::size_t t = 0; t <= reader.bands_; ++t) ref.needed_bytes += entry.tiles[t].bytes;
     reader.chunks_.push_back(ref);
     row = entry.end_row;
   }
@@ -78,24 +67,23 @@ void AssetReader::reserve() {
 
 std::uint64_t AssetReader::memory_bytes() const {
   // Beside the basis: an asset's arrays, poses and what is drawn of them, in memory and on the GPU.
-  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kUvByteBytes = 8;
+  constexpr std::uint64_t kVertexBytes = 192, kFaceBytes = 96, kWedgeBytes = 24;
+  constexpr std::uint64_t kModelBytes = std::uint64_t{1} << 20;  // of decoders
   // Three of each: the asset's, the processor's and the GPU's.
   constexpr std::uint64_t kFloatBytes = 3 * sizeof(float), kIntegerBytes = 3 * sizeof(std::int16_t);
   std::uint64_t largest_chunk = 0, extras = 0;
   std::uint64_t row_bytes = asset_.float_columns() * kFloatBytes + asset_.column_scales.size() * kIntegerBytes;
   const std::uint64_t detailed_row_bytes = row_bytes + 2 * kIntegerBytes * asset_.rank;
   for (const ChunkEntry& chunk : manifest_->chunks) {
-    std::uint64_t unpacked = 4 * chunk.stored_bytes();  // This one, two that are ready, one that is on its way.
+    largest_chunk = std::max(largest_chunk, chunk.bytes());
     for (const TileEntry& tile : chunk.tiles) {
-      unpacked += tile.raw_bytes;
       if (tile.is(TileKind::kDetail)) row_bytes = detailed_row_bytes;
-      if (tile.is(TileKind::kUvs)) extras += kUvByteBytes * tile.raw_bytes;
-      if (tile.is(TileKind::kImage)) extras += tile.raw_bytes;
+      if (tile.is(TileKind::kUvs)) extras += kWedgeBytes * max_wedges(asset_.vertex_count, asset_.face_total);
+      if (tile.is(TileKind::kImage)) extras += tile.bytes;
     }
-    largest_chunk = std::max(largest_chunk, unpacked);
   }
   return std::uint64_t{asset_.vertex_count} * (row_bytes + kVertexBytes) + asset_.face_total * kFaceBytes + extras +
-         largest_chunk;
+         4 * largest_chunk + kModelBytes;  // One chunk, two that are ready, one that is on its way.
 }
 
 Result<void> AssetReader::add_chunk(std::size_t index, ByteView bytes) {
@@ -122,10 +110,10 @@ Result<void> AssetReader::verify(std::size_t index, ByteView bytes) const {
   std::size_t at = 0;
   for (const TileEntry& tile : manifest_->chunks[index].tiles) {
     if (at == bytes.size()) break;
-    if (sha256(bytes.subspan(at, tile.stored_bytes)) != tile.hash) {
+    if (sha256(bytes.subspan(at, tile.bytes)) != tile.hash) {
       return fail(ErrorCode::kCorrupt, "the tile at byte " + std::to_string(at) + " does not have its hash");
     }
-    at += tile.stored_bytes;
+    at += tile.bytes;
   }
   return {};
 }
@@ -133,10 +121,8 @@ Result<void> AssetReader::verify(std::size_t index, ByteView bytes) const {
 Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
   const ChunkEntry& entry = manifest_->chunks[index];
   const ChunkRange range{asset_.rows_ready, entry.end_row, asset_.base_count, asset_.vertex_count};
-  auto raw = unpacked({&entry.tiles[0], bytes.first(entry.tiles[0].stored_bytes)});
-  if (!raw) return raw.error();
-  auto structure =
-      decode_structure(*raw, range, entry.end_face - asset_.faces_ready, asset_.source_vertex, asset_.faces);
+  auto structure = decode_structure(bytes.first(entry.tiles[0].bytes), range, entry.end_face - asset_.faces_ready,
+                                    {asset_.source_vertex, asset_.mass, asset_.faces});
   if (!structure) return structure.error();
   std::vector<bool> seen = seen_source_;
   seen.resize(asset_.vertex_count, false);
@@ -177,8 +163,8 @@ void AssetReader::resize_basis(std::size_t rows) {
 
 /// Bands share neither bytes nor columns: at the same time, the last one, which is the largest, first.
 Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors) {
-  std::vector<std::size_t> begin{entry.tiles[0].stored_bytes};
-  for (std::size_t b = 0; b < bands_; ++b) begin.push_back(begin.back() + entry.tiles[1 + b].stored_bytes);
+  std::vector<std::size_t> begin{entry.tiles[0].bytes};
+  for (std::size_t b = 0; b < bands_; ++b) begin.push_back(begin.back() + entry.tiles[1 + b].bytes);
   std::vector<Result<void>> results(bands_);
   worker_team().run(bands_, [&](std::size_t task) {
     const std::size_t b = bands_ - 1 - task;
@@ -186,14 +172,8 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
     const BasisBlock block{
         asset_.rows_ready,        entry.end_row, first_column, end_column, manifest_->exact_columns, asset_.rank,
         manifest_->column_scales, predictors};
-    const TileEntry& tile = entry.tiles[1 + b];
-    const ByteView stored = bytes.subspan(begin[b], tile.stored_bytes);
-    if (tile.compression == Compression::kCoded) {
-      results[b] = decode_coded_basis(block, stored, {asset_.floats, asset_.integers});
-      return;
-    }
-    auto raw = unpacked({&tile, stored});
-    results[b] = raw ? decode_basis(block, *raw, {asset_.floats, asset_.integers}) : Result<void>(raw.error());
+    results[b] =
+        decode_basis(block, bytes.subspan(begin[b], entry.tiles[1 + b].bytes), {asset_.floats, asset_.integers});
   });
   for (Result<void>& result : results) {
     if (!result) return std::move(result);
@@ -206,25 +186,21 @@ Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes,
   const auto colour_tile = find_tile(entry, bytes, TileKind::kColours);
   std::vector<std::array<std::uint8_t, 3>> colours;
   if (colour_tile && asset_.colours.size() == asset_.rows_ready) {
-    auto raw = unpacked(*colour_tile);
-    if (!raw) return raw.error();
-    colours = decode_colours(*raw, asset_.colours, map);
+    auto decoded = decode_colours(*colour_tile, asset_.colours, map);
+    if (!decoded) return decoded.error();
+    colours = std::move(*decoded);
   }
   // With fewer bands more is missing than detail brings.
   const auto detail_tile = bands_ < asset_.band_ends.size() ? std::nullopt : find_tile(entry, bytes, TileKind::kDetail);
   const bool has_detail = detail_tile && asset_.detail.size() == asset_.rows_ready;
-  auto detail = has_detail ? unpacked(*detail_tile) : Result<Bytes>(Bytes{});
-  if (!detail) return detail.error();
   const auto splat_tile = find_tile(entry, bytes, TileKind::kSplats);
   const bool has_splats = splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready;
   if (has_splats) {
-    auto raw = unpacked(*splat_tile);
-    if (!raw) return raw.error();
-    auto decoded = decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
+    auto decoded = decode_splats(*splat_tile, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
     if (!decoded) return decoded;
   }
   if (has_detail) {
-    if (auto decoded = decode_detail(*detail, asset_.rank, map, asset_.detail); !decoded) {
+    if (auto decoded = decode_detail(*detail_tile, asset_.rank, map, asset_.detail); !decoded) {
       if (has_splats) asset_.splats.resize(asset_.rows_ready);
       return decoded;
     }
@@ -241,17 +217,13 @@ Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const Ch
   const auto uv_tile = find_tile(entry, bytes, TileKind::kUvs);
   const auto image_tile = find_tile(entry, bytes, TileKind::kImage);
   if (entry.end_row != asset_.vertex_count || !uv_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
-  auto raw = unpacked(*uv_tile);
-  if (!raw) return raw.error();
-  auto image = unpacked(*image_tile);
-  if (!image) return image.error();
   std::vector<std::uint32_t> map = asset_.map;
   append(map, structure.map);
   std::vector<Corners> faces = structure.old_faces;
   append(faces, structure.faces);
-  auto texture = decode_uvs(*raw, asset_.base_count, map, faces);
+  auto texture = decode_uvs(*uv_tile, asset_.base_count, map, faces);
   if (!texture) return texture.error();
-  texture->image = std::move(*image);
+  texture->image.assign(image_tile->begin(), image_tile->end());
   return std::make_shared<const AssetTexture>(std::move(*texture));
 }
 

@@ -88,9 +88,6 @@ std::vector<float> on_grid(std::span<const float> basis, std::uint32_t rank, std
 /// basis: n x r, row-major, not yet quantised.
 Bytes encode_basis(const BasisBlock& block, std::span<const float> basis);
 
-/// The same, coded (Compression::kCoded): about a tenth smaller than zstd makes the other.
-Bytes code_basis(const BasisBlock& block, std::span<const float> basis);
-
 /// Where a basis is read into: Asset's arrays, of at least end_row rows.
 struct BasisRows {
   std::span<float> floats;
@@ -98,11 +95,7 @@ struct BasisRows {
 };
 
 /// Writes rows first_row .. end_row and the block's columns into `basis`, whose earlier rows must hold the same
-/// columns. Errors: kCorrupt (a number that is not finite or out of range). REQUIRES: raw.size() is the block's size.
-Result<void> decode_basis(const BasisBlock& block, ByteView raw, const BasisRows& basis);
-Result<void> decode_coded_basis(const BasisBlock& block, ByteView coded, const BasisRows& basis);
-
-Error entry_not_finite(std::uint32_t row, std::uint32_t column);
-Error entry_out_of_range(std::uint32_t row, std::uint32_t column);
+/// columns. Errors: kCorrupt (a number that is not finite or out of range).
+Result<void> decode_basis(const BasisBlock& block, ByteView coded, const BasisRows& basis);
 
 }  // namespace eigencast

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <cassert>
 
+#include "common/asset/tiles/number_coder.h"
 #include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
@@ -26,37 +27,37 @@ const Colour* predicting_colour(std::uint32_t row, std::uint32_t parent, std::sp
 
 }  // namespace
 
-std::uint64_t colour_bytes(std::uint64_t rows) {
-  return 3 * rows;
-}
-
 Bytes encode_colours(std::span<const Colour> colours, std::uint32_t first_row, std::span<const std::uint32_t> map) {
   const std::size_t rows = map.size();
   assert(colours.size() >= first_row + rows);
-  Bytes raw(colour_bytes(rows));
+  Bytes coded;
+  NumberWriter out(coded, 3);
   for (std::size_t k = 0; k < rows; ++k) {
     const auto row = static_cast<std::uint32_t>(first_row + k);
     const Colour own = parted(colours[row]);
     const Colour* other = predicting_colour(row, map[k], colours, {}, row);
     const Colour known = other != nullptr ? parted(*other) : Colour{};
-    for (std::size_t c = 0; c < 3; ++c) raw[c * rows + k] = static_cast<std::uint8_t>(own[c] - known[c]);
+    for (std::size_t c = 0; c < 3; ++c) out.pass_signed(c, static_cast<std::int8_t>(own[c] - known[c]));
   }
-  return raw;
+  out.coder().finish();
+  return coded;
 }
 
-std::vector<Colour> decode_colours(ByteView raw, std::span<const Colour> earlier, std::span<const std::uint32_t> map) {
+Result<std::vector<Colour>> decode_colours(ByteView coded, std::span<const Colour> earlier,
+                                           std::span<const std::uint32_t> map) {
   const std::size_t rows = map.size();
   const auto first_row = static_cast<std::uint32_t>(earlier.size());
-  assert(raw.size() == 3 * rows);
+  NumberReader in(coded, 3);
   std::vector<Colour> colours;
   colours.reserve(rows);
   for (std::size_t k = 0; k < rows; ++k) {
     const Colour* other =
         predicting_colour(static_cast<std::uint32_t>(first_row + k), map[k], earlier, colours, first_row);
     Colour parts = other != nullptr ? parted(*other) : Colour{};
-    for (std::size_t c = 0; c < 3; ++c) parts[c] = static_cast<std::uint8_t>(parts[c] + raw[c * rows + k]);
+    for (std::size_t c = 0; c < 3; ++c) parts[c] = static_cast<std::uint8_t>(parts[c] + in.pass_signed(c));
     colours.push_back(joined(parts));
   }
+  if (!in.coder().finished()) return fail(ErrorCode::kCorrupt, "colour tile: its bytes do not fit its rows");
   return colours;
 }
 

@@ -3,7 +3,11 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cstddef>
 #include <cstdint>
+#include <utility>
+#include <vector>
 
 #include "common/codec/range_coder.h"
 #include "common/core/bytes.h"
@@ -97,6 +101,10 @@ class NumberModel {
 class SignedModel {
  public:
   template <typename Coder>
+  std::uint32_t pass_size(Coder& coder, std::uint32_t size) {
+    return size_.pass(coder, size);
+  }
+  template <typename Coder>
   std::int32_t pass(Coder& coder, std::int32_t value) {
     const std::uint32_t size = size_.pass(coder, size_of(value));
     if (size == 0) return 0;
@@ -110,5 +118,68 @@ class SignedModel {
   NumberModel size_;
   AdaptiveBit negative_;
 };
+
+/// What prediction leaves of columns of integers. Rows that are hard to predict are so in every column: the size of a residual is
+/// predicted by those that the row has had, times what this column's have been beside that.
+class ResidualModel {
+ public:
+  explicit ResidualModel(std::size_t rows) : of_row_(rows, 2 * kOne) {}
+
+  void next_column() {
+    ++columns_;
+    met_ = expected_ = kPrior;
+  }
+  template <typename Coder>
+  std::int32_t pass(Coder& coder, std::size_t i, std::int32_t residual) {
+    std::int32_t& mean = of_row_[i];
+    const std::uint64_t likely = static_cast<std::uint64_t>(mean) * met_ / expected_;
+    residual = contexts_[context_of(likely)].pass(coder, residual);
+    const auto size = static_cast<std::int32_t>(kOne * std::min(SignedModel::size_of(residual), kMaxCounted));
+    met_ += static_cast<std::uint32_t>(size);
+    expected_ += static_cast<std::uint32_t>(mean);
+    if (expected_ >= kWindow) {
+      met_ = (met_ + 1) / 2;
+      expected_ = (expected_ + 1) / 2;
+    }
+    mean = std::max(mean + (size - mean) / std::min(columns_ + 1, kColumnsKept), 1);
+    return residual;
+  }
+
+ private:
+  static constexpr std::int32_t kOne = 16;
+  static constexpr std::uint32_t kMaxCounted = 4095;
+  static constexpr std::int32_t kColumnsKept = 10;
+  static constexpr std::uint32_t kPrior = 1 << 10, kWindow = 1 << 16;
+
+  /// Two to a doubling.
+  std::size_t context_of(std::uint64_t likely) const {
+    const auto bits = static_cast<std::size_t>(std::bit_width(likely));
+    if (bits < 2) return bits;
+    return std::min<std::size_t>(2 * bits - 2 + (likely >> (bits - 2) & 1), contexts_.size() - 1);
+  }
+
+  std::vector<std::int32_t> of_row_;  // mean size of its residuals, the last ones most
+  std::array<SignedModel, 40> contexts_;
+  std::int32_t columns_ = 0;
+  std::uint32_t met_ = kPrior, expected_ = kPrior;  // in this column: sizes, and what the rows' means are
+};
+
+/// A tile of numbers of some kinds, each with probabilities of its own.
+template <typename Coder>
+class NumberRun {
+ public:
+  template <typename Bytes_>
+  NumberRun(Bytes_&& bytes, std::size_t kinds) : coder_(std::forward<Bytes_>(bytes)), kinds_(kinds) {}
+
+  std::uint32_t pass(std::size_t kind, std::uint32_t value = 0) { return kinds_[kind].pass_size(coder_, value); }
+  std::int32_t pass_signed(std::size_t kind, std::int32_t value = 0) { return kinds_[kind].pass(coder_, value); }
+  Coder& coder() { return coder_; }
+
+ private:
+  Coder coder_;
+  std::vector<SignedModel> kinds_;
+};
+using NumberWriter = NumberRun<BitWriter>;
+using NumberReader = NumberRun<BitReader>;
 
 }  // namespace eigencast

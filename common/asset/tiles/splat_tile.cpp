@@ -2,12 +2,16 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
+#include "common/asset/tiles/number_coder.h"
 #include "common/asset/tiles/octahedral.h"
 #include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
 namespace {
+
+enum : std::size_t { kSplatU, kSplatV, kRadius, kParentRadius, kFrame, kSplatKinds };
 
 constexpr std::uint8_t kNoRadius = 255;
 constexpr double kStepsPerOctave = 16;
@@ -29,51 +33,44 @@ Error corrupt_splats(std::string what) {
 
 }  // namespace
 
-// By row: 4 bytes and 2 varints.
-std::uint64_t min_splat_bytes(std::uint64_t rows) {
-  return rows * (4 + 2);
-}
-
-std::uint64_t max_splat_bytes(std::uint64_t rows) {
-  return rows * (4 + 2 * 5);
-}
-
 Bytes encode_splats(const Asset::Splats& splats, std::uint32_t first_row, std::uint32_t end_row,
                     std::uint32_t base_count, double diagonal) {
-  const std::size_t rows = end_row - first_row;
-  Bytes raw(4 * rows);
-  for (std::size_t k = 0; k < rows; ++k) {
-    const std::size_t i = first_row + k;
-    const auto octahedral = octahedral_from_normal(splats.normal[i], kMaxOctahedral);
-    raw[k] = static_cast<std::uint8_t>(octahedral[0]);
-    raw[rows + k] = static_cast<std::uint8_t>(octahedral[1]);
-    raw[2 * rows + k] = code_from_radius(splats.radius[i], diagonal);
-    raw[3 * rows + k] = i < base_count ? kNoRadius : code_from_radius(splats.parent_radius[i], diagonal);
-  }
-  ByteWriter out(raw);
+  Bytes coded;
+  NumberWriter out(coded, kSplatKinds);
+  std::int32_t radius = 0, parent_radius = 0;
   for (std::uint32_t i = first_row; i < end_row; ++i) {
-    for (const std::uint32_t corner : splats.frame[i]) out.varint(zigzag(std::int64_t{i} - corner));
+    const auto octahedral = octahedral_from_normal(splats.normal[i], kMaxOctahedral);
+    out.pass_signed(kSplatU, octahedral[0]);
+    out.pass_signed(kSplatV, octahedral[1]);
+    const std::int32_t own = code_from_radius(splats.radius[i], diagonal);
+    const std::int32_t parents = i < base_count ? kNoRadius : code_from_radius(splats.parent_radius[i], diagonal);
+    out.pass_signed(kRadius, own - std::exchange(radius, own));
+    out.pass_signed(kParentRadius, parents - std::exchange(parent_radius, parents));
+    for (const std::uint32_t corner : splats.frame[i]) {
+      out.pass_signed(kFrame, static_cast<std::int32_t>(i) - static_cast<std::int32_t>(corner));
+    }
   }
-  return raw;
+  out.coder().finish();
+  return coded;
 }
 
-Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t base_count, double diagonal,
+Result<void> decode_splats(ByteView coded, std::uint32_t end_row, std::uint32_t base_count, double diagonal,
                            Asset::Splats& splats) {
   const auto first_row = static_cast<std::uint32_t>(splats.size());
-  const std::size_t rows = end_row - first_row;
-  if (raw.size() < 4 * rows) return corrupt_splats("ends too early");
   Asset::Splats added;
-  ByteReader in(raw.subspan(4 * rows));
+  NumberReader in(coded, kSplatKinds);
+  std::uint8_t radius = 0, parent_radius = 0;
   for (std::uint32_t i = first_row; i < end_row; ++i) {
-    const std::size_t k = i - first_row;
-    added.normal.push_back(normal_from_octahedral(static_cast<std::int8_t>(raw[k]),
-                                                  static_cast<std::int8_t>(raw[rows + k]), kMaxOctahedral));
-    added.radius.push_back(radius_from_code(raw[2 * rows + k], diagonal));
-    added.parent_radius.push_back(radius_from_code(raw[3 * rows + k], diagonal));
+    const auto u = static_cast<std::int8_t>(in.pass_signed(kSplatU)),
+               v = static_cast<std::int8_t>(in.pass_signed(kSplatV));
+    added.normal.push_back(normal_from_octahedral(u, v, kMaxOctahedral));
+    radius = static_cast<std::uint8_t>(radius + in.pass_signed(kRadius));
+    parent_radius = static_cast<std::uint8_t>(parent_radius + in.pass_signed(kParentRadius));
+    added.radius.push_back(radius_from_code(radius, diagonal));
+    added.parent_radius.push_back(radius_from_code(parent_radius, diagonal));
     std::array<std::uint32_t, 2> frame{};
     for (std::uint32_t& corner : frame) {
-      const std::uint64_t code = in.varint();
-      const std::int64_t row = code > (std::uint64_t{1} << 33) ? -1 : i - unzigzag(code);
+      const std::int64_t row = std::int64_t{i} - in.pass_signed(kFrame);
       if (row < 0 || row >= std::max<std::int64_t>(base_count, std::int64_t{i} + 1)) {
         return corrupt_splats("row " + std::to_string(i) + " has a frame from a row that is not there");
       }
@@ -81,7 +78,7 @@ Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t ba
     }
     added.frame.push_back(frame);
   }
-  if (!in.finished()) return corrupt_splats("its bytes do not fit its rows");
+  if (!in.coder().finished()) return corrupt_splats("its bytes do not fit its rows");
   splats.append(added);
   return {};
 }

@@ -1,37 +1,103 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <optional>
 #include <string>
 
+#include "common/asset/tiles/number_coder.h"
 #include "common/asset/tiles/tiles.h"
 
 namespace eigencast {
 namespace {
 
-/// For each vertex below first_row, the new rows that contract onto it at level first_row, ascending.
-class Descendants {
+/// Kinds of numbers, in the order in which they come.
+enum : std::size_t {
+  kParent,
+  kSource,
+  kMass,
+  kDeaths,
+  kOrder,
+  kThird,
+  kCorner,
+  kNewMove,
+  kOldMove,
+  kPredictors,
+  kPredictor,
+  kWeight,
+  kStructureKinds
+};
+
+constexpr std::uint32_t kAnyOrder = 6;
+
+/// Which new rows a vertex becomes as they arrive: those that contract onto it, one after the other.
+class Arrivals {
  public:
-  /// new_map: map of rows first_row .. end_row. REQUIRES: each entry below its own row.
-  Descendants(std::uint32_t first_row, std::span<const std::uint32_t> new_map) : begin_(first_row + 1, 0) {
-    if (first_row == 0) return;  // Nothing came before; base vertices are their own parents.
-    root_.reserve(new_map.size());
-    for (const std::uint32_t parent : new_map) root_.push_back(parent < first_row ? parent : root_[parent - first_row]);
-    for (const std::uint32_t root : root_) ++begin_[root + 1];
-    for (std::uint32_t v = 0; v < first_row; ++v) begin_[v + 1] += begin_[v];
-    rows_.resize(root_.size());
-    std::vector<std::uint32_t> at(begin_.begin(), begin_.end() - 1);
-    for (std::uint32_t i = 0; i < root_.size(); ++i) rows_[at[root_[i]]++] = first_row + i;
+  /// new_map: of rows first_row .. end_row; a row of the base is its own. REQUIRES: no entry above its row.
+  Arrivals(std::uint32_t first_row, std::span<const std::uint32_t> new_map)
+      : begin_(first_row + new_map.size() + 1, 0), at_(begin_.size() - 1), size_(at_.size(), 0) {
+    const auto for_each_child = [&](const auto& visit) {
+      for (std::uint32_t k = 0; k < new_map.size(); ++k) {
+        if (new_map[k] != first_row + k) visit(first_row + k, new_map[k]);
+      }
+    };
+    for_each_child([&](std::uint32_t child, std::uint32_t parent) { size_[child] = 1, ++begin_[parent + 1]; });
+    for (std::size_t k = new_map.size(); k-- > 0;) {
+      if (new_map[k] != first_row + k) size_[new_map[k]] += size_[first_row + k];
+    }
+    for (std::size_t v = 1; v < begin_.size(); ++v) begin_[v] += begin_[v - 1];
+    children_.resize(begin_.back());
+    rows_.resize(begin_.back());
+    std::vector<std::uint32_t> slot(begin_.begin(), begin_.end() - 1), next(at_.size());
+    std::uint32_t roots_end = 0;
+    for (std::uint32_t v = 0; v < at_.size(); ++v) {
+      const bool is_root = v < first_row || new_map[v - first_row] == v;
+      if (is_root) at_[v] = next[v] = roots_end, roots_end += size_[v];
+    }
+    for_each_child([&](std::uint32_t child, std::uint32_t parent) {
+      children_[slot[parent]++] = child;
+      at_[child] = next[parent];
+      next[parent] += size_[child];
+      next[child] = at_[child] + 1;
+      rows_[at_[child]] = child;
+    });
   }
 
-  std::span<const std::uint32_t> of(std::uint32_t v) const {
-    return std::span(rows_).subspan(begin_[v], begin_[v + 1] - begin_[v]);
+  /// The rows from `level` on that are v at that level. REQUIRES: v < level, first_row <= level.
+  std::span<const std::uint32_t> of(std::uint32_t v, std::uint32_t level) const {
+    const auto end = children_.begin() + begin_[v + 1];
+    const auto first = std::lower_bound(children_.begin() + begin_[v], end, level);
+    if (first == end) return {};
+    return std::span(rows_).subspan(at_[*first], at_[v] + size_[v] - at_[*first]);
   }
 
  private:
-  std::vector<std::uint32_t> root_;   // per new row
-  std::vector<std::uint32_t> begin_;  // per earlier vertex, into rows_
-  std::vector<std::uint32_t> rows_;
+  std::vector<std::uint32_t> begin_, children_;  // of each vertex, ascending
+  std::vector<std::uint32_t> at_, size_;         // each new row's place in rows_, and how many begin there with it
+  std::vector<std::uint32_t> rows_;              // children behind their parents
 };
+
+/// A corner that is v at `level` and goes on from there to the chunk's last level: 0 stays, else one of the arrivals.
+void write_move(NumberWriter& out, std::size_t kind, const Arrivals& arrivals, std::uint32_t v, std::uint32_t level,
+                std::uint32_t corner) {
+  const auto rows = arrivals.of(v, level);
+  if (rows.empty()) return;
+  const auto at = corner == v ? 0 : std::find(rows.begin(), rows.end(), corner) - rows.begin() + 1;
+  out.pass(kind, static_cast<std::uint32_t>(at));
+}
+std::optional<std::uint32_t> read_move(NumberReader& in, std::size_t kind, const Arrivals& arrivals, std::uint32_t v,
+                                       std::uint32_t level) {
+  const auto rows = arrivals.of(v, level);
+  const std::uint32_t move = rows.empty() ? 0 : in.pass(kind);
+  if (move > rows.size()) return std::nullopt;
+  return move == 0 ? v : rows[move - 1];
+}
+
+/// Where the corners of a face that dies at a row stand: the row's, its parent's, the third.
+std::array<std::size_t, 3> places_of(std::uint32_t order) {
+  const std::size_t a = order / 2, b = (a + 1 + order % 2) % 3;
+  return {a, b, 3 - a - b};
+}
 
 /// The row that predicts row i: its parent, or in the base the row before; -1 where there is none.
 std::int64_t reference_row(std::uint32_t i, std::uint32_t map_of_i, std::uint32_t base_count) {
@@ -49,35 +115,38 @@ Error corrupt_structure(const std::string& what) {
   return fail(ErrorCode::kCorrupt, "structure tile: " + what);
 }
 
+std::int32_t bits_of(float mass) {
+  return std::bit_cast<std::int32_t>(mass);
+}
+
 class Decoder {
  public:
-  Decoder(ByteView raw, const ChunkRange& range, std::uint32_t new_faces)
-      : in_(raw), range_(range), new_faces_(new_faces) {}
+  Decoder(ByteView coded, const ChunkRange& range, std::uint32_t new_faces, const EarlierStructure& earlier)
+      : in_(coded, kStructureKinds), range_(range), new_faces_(new_faces), earlier_(earlier) {}
 
-  Result<void> rows(std::span<const std::uint32_t> earlier_source) {
+  Result<void> rows() {
     const std::uint32_t count = range_.end_row - range_.first_row;
     tile_.map.reserve(count);
     for (std::uint32_t i = range_.first_row; i < range_.end_row; ++i) {
-      const std::uint64_t up = i < range_.base_count ? 0 : in_.varint();
+      const std::uint32_t up = i < range_.base_count ? 0 : in_.pass(kParent);
       if (i >= range_.base_count && (up == 0 || up > i))
         return corrupt_structure("the parent of row " + std::to_string(i) + " is out of range");
-      tile_.map.push_back(i - static_cast<std::uint32_t>(up));
+      tile_.map.push_back(i - up);
     }
     tile_.source_vertex.reserve(count);
+    tile_.mass.reserve(count);
     for (std::uint32_t i = range_.first_row; i < range_.end_row; ++i) {
       const std::int64_t reference = reference_row(i, tile_.map[i - range_.first_row], range_.base_count);
-      const std::int64_t predicted = reference < 0 ? 0 : row_of(earlier_source, tile_.source_vertex, reference);
-      const std::uint64_t code = in_.varint();
-      const std::int64_t source = code > (std::uint64_t{1} << 33) ? -1 : predicted + unzigzag(code);
+      const std::int64_t predicted = reference < 0 ? 0 : row_of(earlier_.source_vertex, tile_.source_vertex, reference);
+      const std::int64_t source = predicted + in_.pass_signed(kSource);
       if (source < 0 || source >= range_.vertex_count)
         return corrupt_structure("the source of row " + std::to_string(i) + " is out of range");
       tile_.source_vertex.push_back(static_cast<std::uint32_t>(source));
-    }
-    tile_.mass.reserve(count);
-    for (std::uint32_t i = 0; i < count; ++i) {
-      const float mass = in_.f32();
+      const float near = reference < 0 ? 1.0F : row_of(earlier_.mass, tile_.mass, reference);
+      const auto bits = static_cast<std::uint32_t>(bits_of(near)) + static_cast<std::uint32_t>(in_.pass_signed(kMass));
+      const auto mass = std::bit_cast<float>(bits);
       if (!std::isfinite(mass) || mass <= 0)
-        return corrupt_structure("the mass of row " + std::to_string(range_.first_row + i) + " is not positive");
+        return corrupt_structure("the mass of row " + std::to_string(i) + " is not positive");
       tile_.mass.push_back(mass);
     }
     return {};
@@ -85,42 +154,27 @@ class Decoder {
 
   Result<void> faces() {
     tile_.death.reserve(new_faces_);
-    std::uint64_t death = range_.first_row;
-    for (std::uint32_t f = 0; f < new_faces_; ++f) {
-      const std::uint64_t step = in_.varint();
-      if (step >= range_.end_row - death)
-        return corrupt_structure("the death of new face " + std::to_string(f) + " is out of range");
-      death += step;
-      tile_.death.push_back(static_cast<std::uint32_t>(death));
+    for (std::uint32_t i = range_.first_row; i < range_.end_row && tile_.death.size() < new_faces_; ++i) {
+      const std::uint32_t dying = in_.pass(kDeaths);
+      if (dying > new_faces_ - tile_.death.size()) return corrupt_structure("more faces than the manifest says");
+      tile_.death.insert(tile_.death.end(), dying, i);
     }
+    if (tile_.death.size() < new_faces_) return corrupt_structure("fewer faces than the manifest says");
     tile_.faces.reserve(new_faces_);
+    const Arrivals arrivals(range_.first_row, tile_.map);
     for (std::uint32_t f = 0; f < new_faces_; ++f) {
-      Corners face{};
-      std::int64_t predicted = tile_.death[f];
-      for (std::uint32_t& corner : face) {
-        const std::uint64_t code = in_.varint();
-        predicted = code > (std::uint64_t{1} << 33) ? -1 : predicted + unzigzag(code);
-        if (predicted < 0 || predicted >= range_.end_row)
-          return corrupt_structure("a corner of new face " + std::to_string(f) + " is out of range");
-        corner = static_cast<std::uint32_t>(predicted);
-      }
-      if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0])
+      const auto face = new_face(arrivals, tile_.death[f]);
+      if (!face) return corrupt_structure("a corner of new face " + std::to_string(f) + " is out of range");
+      if ((*face)[0] == (*face)[1] || (*face)[1] == (*face)[2] || (*face)[2] == (*face)[0])
         return corrupt_structure("new face " + std::to_string(f) + " repeats a corner");
-      tile_.faces.push_back(face);
+      tile_.faces.push_back(*face);
     }
-    return {};
-  }
-
-  Result<void> moves(std::span<const Corners> earlier_faces) {
-    const Descendants descendants(range_.first_row, tile_.map);
-    tile_.old_faces.assign(earlier_faces.begin(), earlier_faces.end());
+    tile_.old_faces.assign(earlier_.faces.begin(), earlier_.faces.end());
     for (Corners& face : tile_.old_faces) {
       for (std::uint32_t& corner : face) {
-        const auto candidates = descendants.of(corner);
-        if (candidates.empty()) continue;
-        const std::uint64_t move = in_.varint();
-        if (move > candidates.size()) return corrupt_structure("a face moves to a vertex that does not exist");
-        if (move > 0) corner = candidates[move - 1];
+        const auto moved = read_move(in_, kOldMove, arrivals, corner, range_.first_row);
+        if (!moved) return corrupt_structure("a face moves to a vertex that does not exist");
+        corner = *moved;
       }
     }
     return {};
@@ -130,109 +184,150 @@ class Decoder {
     Predictors& all = tile_.predictors;
     const std::uint32_t count = range_.end_row - range_.first_row;
     all.first.reserve(count + 1);
-    std::uint32_t end = 0;
-    for (std::uint32_t i = 0; i < count; ++i) {
-      const std::uint64_t many = in_.varint();
+    for (std::uint32_t row = range_.first_row; row < range_.end_row; ++row) {
+      const std::uint32_t many = in_.pass(kPredictors);
       if (many > Predictors::kMaxPerRow) return corrupt_structure("too many predictors of a row");
-      all.first.push_back(end += static_cast<std::uint32_t>(many));
-    }
-    all.rows.reserve(end);
-    for (std::uint32_t i = 0; i < count; ++i) {
-      const std::uint32_t row = range_.first_row + i;
-      for (std::uint32_t at = all.first[i]; at < all.first[i + 1]; ++at) {
-        const std::uint64_t back = in_.varint();
+      for (std::uint32_t at = 0; at < many; ++at) {
+        const std::uint32_t back = in_.pass(kPredictor);
         if (back == 0 || back > row)
           return corrupt_structure("a predictor of row " + std::to_string(row) + " does not come before it");
-        all.rows.push_back(row - static_cast<std::uint32_t>(back));
+        all.rows.push_back(row - back);
+        const std::int32_t weight = in_.pass_signed(kWeight);
+        if (weight < -Predictors::kMaxWeight || weight > Predictors::kMaxWeight)
+          return corrupt_structure("a weight is out of range");
+        all.weights.push_back(static_cast<std::int16_t>(weight));
       }
+      all.end_row();
     }
-    all.weights.reserve(end);
-    for (std::uint32_t at = 0; at < end; ++at) {
-      const std::uint64_t code = in_.varint();
-      if (code > 2 * std::uint64_t{Predictors::kMaxWeight}) return corrupt_structure("a weight is out of range");
-      all.weights.push_back(static_cast<std::int16_t>(unzigzag(code)));
-    }
-    if (!in_.finished()) return corrupt_structure(in_.failed() ? "ends too early" : "bytes too many at its end");
+    if (!in_.coder().finished()) return corrupt_structure("bytes too many at its end");
     return {};
   }
 
-  bool failed() const { return in_.failed(); }
   StructureTile take() && { return std::move(tile_); }
 
  private:
-  ByteReader in_;
+  std::optional<Corners> new_face(const Arrivals& arrivals, std::uint32_t death) {
+    Corners face{};
+    const std::uint32_t order = in_.pass(kOrder);
+    if (order > kAnyOrder || (order < kAnyOrder && death < range_.base_count)) return std::nullopt;
+    if (order == kAnyOrder) {
+      for (std::uint32_t& corner : face) {
+        corner = in_.pass(kCorner);
+        if (corner >= range_.end_row) return std::nullopt;
+      }
+      return face;
+    }
+    const std::uint32_t third = in_.pass(kThird);
+    if (third == 0 || third > death) return std::nullopt;
+    const Corners stood{death, tile_.map[death - range_.first_row], death - third};
+    const auto places = places_of(order);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto corner = read_move(in_, kNewMove, arrivals, stood[k], death + 1);
+      if (!corner) return std::nullopt;
+      face[places[k]] = *corner;
+    }
+    return face;
+  }
+
+  NumberReader in_;
   ChunkRange range_;
   std::uint32_t new_faces_;
+  const EarlierStructure& earlier_;
   StructureTile tile_;
+};
+
+/// REQUIRES: v < end_row of the tile.
+class Encoder {
+ public:
+  Encoder(Bytes& out, const ChunkRange& range, const StructureTile& tile, const EarlierStructure& earlier)
+      : out_(out, kStructureKinds),
+        range_(range),
+        tile_(tile),
+        earlier_(earlier),
+        arrivals_(range.first_row, tile.map) {}
+
+  void encode() {
+    rows();
+    std::size_t f = 0;
+    for (std::uint32_t i = range_.first_row; i < range_.end_row && f < tile_.death.size(); ++i) {
+      const std::size_t first = f;
+      while (f < tile_.death.size() && tile_.death[f] == i) ++f;
+      out_.pass(kDeaths, static_cast<std::uint32_t>(f - first));
+    }
+    for (f = 0; f < tile_.faces.size(); ++f) new_face(tile_.faces[f], tile_.death[f]);
+    for (f = 0; f < earlier_.faces.size(); ++f) {
+      for (std::size_t k = 0; k < 3; ++k)
+        write_move(out_, kOldMove, arrivals_, earlier_.faces[f][k], range_.first_row, tile_.old_faces[f][k]);
+    }
+    const Predictors& all = tile_.predictors;
+    for (std::uint32_t i = 0; i < all.row_count(); ++i) {
+      out_.pass(kPredictors, all.first[i + 1] - all.first[i]);
+      for (std::uint32_t at = all.first[i]; at < all.first[i + 1]; ++at) {
+        out_.pass(kPredictor, range_.first_row + i - all.rows[at]);
+        out_.pass_signed(kWeight, all.weights[at]);
+      }
+    }
+    out_.coder().finish();
+  }
+
+ private:
+  std::uint32_t map_of(std::uint32_t i) const { return tile_.map[i - range_.first_row]; }
+
+  void rows() {
+    for (std::uint32_t i = std::max(range_.first_row, range_.base_count); i < range_.end_row; ++i)
+      out_.pass(kParent, i - map_of(i));
+    for (std::uint32_t i = range_.first_row; i < range_.end_row; ++i) {
+      const std::int64_t reference = reference_row(i, map_of(i), range_.base_count);
+      const auto source = static_cast<std::int32_t>(row_of(earlier_.source_vertex, tile_.source_vertex, i));
+      const auto predicted =
+          static_cast<std::int32_t>(reference < 0 ? 0 : row_of(earlier_.source_vertex, tile_.source_vertex, reference));
+      out_.pass_signed(kSource, source - predicted);
+      const float near = reference < 0 ? 1.0F : row_of(earlier_.mass, tile_.mass, reference);
+      out_.pass_signed(kMass, bits_of(row_of(earlier_.mass, tile_.mass, i)) - bits_of(near));
+    }
+  }
+
+  /// A face that dies at a row has it and its parent for corners until then.
+  void new_face(const Corners& face, std::uint32_t death) {
+    const bool is_of_base = death < range_.base_count;
+    Corners stood = face;
+    for (std::uint32_t& corner : stood) {
+      while (!is_of_base && corner > death) corner = map_of(corner);
+    }
+    for (std::uint32_t order = is_of_base ? kAnyOrder : 0; order < kAnyOrder; ++order) {
+      const auto [a, b, third] = places_of(order);
+      if (stood[a] != death || stood[b] != map_of(death) || stood[third] >= death) continue;
+      out_.pass(kOrder, order);
+      out_.pass(kThird, death - stood[third]);
+      for (const std::size_t k : {a, b, third}) write_move(out_, kNewMove, arrivals_, stood[k], death + 1, face[k]);
+      return;
+    }
+    out_.pass(kOrder, kAnyOrder);
+    for (const std::uint32_t corner : face) out_.pass(kCorner, corner);
+  }
+
+  NumberWriter out_;
+  const ChunkRange& range_;
+  const StructureTile& tile_;
+  const EarlierStructure& earlier_;
+  Arrivals arrivals_;
 };
 
 }  // namespace
 
-// A varint has 1 to 5 bytes. By row: map (not in the base), source, mass, number of predictors, these; by new face:
-// death and corners.
-std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t new_faces) {
-  return rows * (1 + 4 + 1) + new_faces * (1 + 3);
+Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, const EarlierStructure& earlier) {
+  Bytes coded;
+  Encoder(coded, range, tile, earlier).encode();
+  return coded;
 }
 
-std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces) {
-  return rows * (5 + 5 + 4 + 1 + Predictors::kMaxPerRow * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
-}
-
-Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::span<const std::uint32_t> earlier_map,
-                       std::span<const std::uint32_t> earlier_source, std::span<const Corners> earlier_faces) {
-  Bytes raw;
-  ByteWriter out(raw);
-  for (std::uint32_t i = std::max(range.first_row, range.base_count); i < range.end_row; ++i) {
-    out.varint(i - row_of(earlier_map, tile.map, i));
-  }
-  for (std::uint32_t i = range.first_row; i < range.end_row; ++i) {
-    const std::int64_t reference = reference_row(i, row_of(earlier_map, tile.map, i), range.base_count);
-    const std::int64_t predicted = reference < 0 ? 0 : row_of(earlier_source, tile.source_vertex, reference);
-    out.varint(zigzag(std::int64_t{row_of(earlier_source, tile.source_vertex, i)} - predicted));
-  }
-  for (const float mass : tile.mass) out.f32(mass);
-  std::uint32_t death = range.first_row;
-  for (const std::uint32_t d : tile.death) {
-    out.varint(d - death);
-    death = d;
-  }
-  for (std::size_t f = 0; f < tile.faces.size(); ++f) {
-    std::int64_t predicted = tile.death[f];
-    for (const std::uint32_t corner : tile.faces[f]) {
-      out.varint(zigzag(std::int64_t{corner} - predicted));
-      predicted = corner;
-    }
-  }
-  const Descendants descendants(range.first_row, tile.map);
-  for (std::size_t f = 0; f < earlier_faces.size(); ++f) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto candidates = descendants.of(earlier_faces[f][k]);
-      if (candidates.empty()) continue;
-      const std::uint32_t corner = tile.old_faces[f][k];
-      const auto at = std::lower_bound(candidates.begin(), candidates.end(), corner);
-      const bool moved = at != candidates.end() && *at == corner;
-      out.varint(moved ? static_cast<std::uint64_t>(at - candidates.begin()) + 1 : 0);
-    }
-  }
-  const Predictors& predictors = tile.predictors;
-  for (std::size_t i = 0; i < predictors.row_count(); ++i) out.varint(predictors.first[i + 1] - predictors.first[i]);
-  for (std::size_t i = 0; i < predictors.row_count(); ++i) {
-    for (std::uint32_t at = predictors.first[i]; at < predictors.first[i + 1]; ++at)
-      out.varint(range.first_row + i - predictors.rows[at]);
-  }
-  for (const std::int16_t weight : predictors.weights) out.varint(zigzag(weight));
-  return raw;
-}
-
-Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, std::uint32_t new_faces,
-                                       std::span<const std::uint32_t> earlier_source,
-                                       std::span<const Corners> earlier_faces) {
-  Decoder decoder(raw, range, new_faces);
-  Result<void> result = decoder.rows(earlier_source);
+Result<StructureTile> decode_structure(ByteView coded, const ChunkRange& range, std::uint32_t new_faces,
+                                       const EarlierStructure& earlier) {
+  Decoder decoder(coded, range, new_faces, earlier);
+  Result<void> result = decoder.rows();
   if (result) result = decoder.faces();
-  if (result) result = decoder.moves(earlier_faces);
   if (result) result = decoder.predictors();
-  if (!result) return decoder.failed() ? corrupt_structure("ends too early") : result.error();
+  if (!result) return result.error();
   return std::move(decoder).take();
 }
 

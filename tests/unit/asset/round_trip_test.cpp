@@ -33,28 +33,30 @@ void expect_same_structure(const Asset& a, const Asset& b) {
 }
 
 TEST(AssetRoundTrip, KeepsEveryArrayAndFact) {
-  for (const bool compress : {false, true}) {
-    Asset asset = sample_asset(3, 21);
-    asset.up_axis = Asset::UpAxis::kZ;
-    asset.handedness = Asset::Handedness::kLeft;
-    asset.basis_kind = "harmonic";
-    const Asset decoded = round_trip(asset, {.exact_columns = 4, .first_chunk_rows = 50, .compress = compress});
-    expect_same_structure(asset, decoded);
-    EXPECT_EQ(decoded.vertex_count, 642u);
-    EXPECT_EQ(decoded.base_count, asset.base_count);
-    EXPECT_EQ(decoded.area, asset.area);
-    EXPECT_EQ(decoded.name, asset.name);
-    EXPECT_EQ(decoded.basis_kind, "harmonic");
-    EXPECT_EQ(decoded.up_axis, Asset::UpAxis::kZ);
-    EXPECT_EQ(decoded.handedness, Asset::Handedness::kLeft);
-    EXPECT_EQ(decoded.metres_per_unit, 0.01);
-    EXPECT_EQ(decoded.box_low, asset.box_low);
-    EXPECT_EQ(decoded.box_high, asset.box_high);
-    EXPECT_EQ(decoded.origin, asset.origin);
-    EXPECT_TRUE(decoded.complete());
-    EXPECT_EQ(decoded.faces_ready, asset.face_total);
-    EXPECT_TRUE(validate_asset(decoded));
-  }
+  Asset asset = sample_asset(3, 21);
+  asset.up_axis = Asset::UpAxis::kZ;
+  asset.handedness = Asset::Handedness::kLeft;
+  asset.basis_kind = "harmonic";
+  asset.operator_kind = "tufted";
+  asset.level_errors = {{12, 0.5F, 1.0F}, {641, 0.0F, 0.0F}};
+  const Asset decoded = round_trip(asset, {.exact_columns = 4, .first_chunk_rows = 50});
+  expect_same_structure(asset, decoded);
+  EXPECT_EQ(decoded.vertex_count, 642u);
+  EXPECT_EQ(decoded.base_count, asset.base_count);
+  EXPECT_EQ(decoded.area, asset.area);
+  EXPECT_EQ(decoded.name, asset.name);
+  EXPECT_EQ(decoded.basis_kind, "harmonic");
+  EXPECT_EQ(decoded.operator_kind, "tufted");
+  EXPECT_EQ(decoded.level_errors, asset.level_errors);
+  EXPECT_EQ(decoded.up_axis, Asset::UpAxis::kZ);
+  EXPECT_EQ(decoded.handedness, Asset::Handedness::kLeft);
+  EXPECT_EQ(decoded.metres_per_unit, 0.01);
+  EXPECT_EQ(decoded.box_low, asset.box_low);
+  EXPECT_EQ(decoded.box_high, asset.box_high);
+  EXPECT_EQ(decoded.origin, asset.origin);
+  EXPECT_TRUE(decoded.complete());
+  EXPECT_EQ(decoded.faces_ready, asset.face_total);
+  EXPECT_TRUE(validate_asset(decoded));
 }
 
 TEST(AssetRoundTrip, QuantisesWithinHalfAStepOfEachColumn) {

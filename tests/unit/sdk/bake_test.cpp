@@ -139,11 +139,55 @@ TEST(Bake, PointCloudsAndHarmonicBasesAreBaked) {
   const auto kernel = bake(cloud, by_kernel);
   ASSERT_TRUE(kernel) << kernel.error().message;
   expect_sound(cloud, *kernel);
-  EXPECT_EQ(kernel->asset.basis_kind, "augmented/pb-mhb");
+  EXPECT_EQ(kernel->asset.basis_kind, "augmented");
+  EXPECT_EQ(kernel->asset.operator_kind, "pb-mhb");
   const auto harmonic = bake(make_icosphere(3), of_rank(40, BasisKind::kHarmonic));
   ASSERT_TRUE(harmonic);
   EXPECT_EQ(harmonic->asset.basis_kind, "harmonic");
   EXPECT_TRUE(validate_asset(harmonic->asset));
+}
+
+TEST(Bake, ErrorsOfLevelsFallAsVerticesCome) {
+  Surface cloud = make_torus(80, 40, 1.0, 0.4);
+  const auto mesh = bake(cloud, of_rank(10));
+  cloud.faces.clear();
+  const auto points = bake(cloud, of_rank(10));
+  ASSERT_TRUE(mesh && points);
+  for (const Asset* asset : {&mesh->asset, &points->asset}) {
+    const auto& errors = asset->level_errors;
+    ASSERT_EQ(errors.size(), 16u);
+    EXPECT_EQ(errors.front().rows, asset->base_count);
+    for (const GeometricError& error : errors) EXPECT_LE(error.rms, error.largest);
+    for (std::size_t i = 1; i < errors.size(); ++i) EXPECT_LT(errors[i].rms, 1.2F * errors[i - 1].rms);
+    EXPECT_LT(errors.back().rms, 0.05F * errors.front().rms);
+    // With one vertex in a hundred chords span about a seventh of the tube's circle: 0.4 (1 - cos(pi / 7)) = 0.04.
+    EXPECT_GT(errors.front().largest, 0.01F);
+    EXPECT_LT(errors.front().largest, 0.2F);
+  }
+}
+
+TEST(Bake, LevelsOfAFlatSurfaceAreExactUntilItBends) {
+  Surface plate;  // of 20 x 20 quads
+  constexpr std::uint32_t kSide = 21;
+  for (std::uint32_t i = 0; i < kSide * kSide; ++i)
+    plate.positions.push_back({0.1 * (i % kSide), 0.1 * (i / kSide), 0});
+  for (std::uint32_t i = 0; i + kSide < kSide * kSide; ++i) {
+    if (i % kSide == kSide - 1) continue;
+    plate.faces.push_back({i, i + 1, i + kSide + 1});
+    plate.faces.push_back({i, i + kSide + 1, i + kSide});
+  }
+  const auto flat = bake(plate, of_rank(10));
+  ASSERT_TRUE(flat) << flat.error().message;
+  ASSERT_FALSE(flat->asset.level_errors.empty());
+  for (const GeometricError& error : flat->asset.level_errors) EXPECT_LT(error.largest, 1e-6F) << error.rows;
+  std::vector<Vec3> bent = plate.positions;
+  for (Vec3& p : bent) p[2] += 0.2 * std::sin(3 * p[0]);
+  const KnownMotion motion{{}, 2, [&](std::size_t) -> Result<std::vector<Vec3>> { return bent; }};
+  BakeOptions moving = of_rank(10);
+  moving.motion = &motion;
+  const auto moved = bake(plate, moving);
+  ASSERT_TRUE(moved) << moved.error().message;
+  EXPECT_GT(moved->asset.level_errors.front().largest, 1e-3F);
 }
 
 /// A torus with bumps that a smooth basis leaves out.

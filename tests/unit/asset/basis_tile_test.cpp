@@ -9,7 +9,6 @@
 #include "common/asset/format/encode.h"
 #include "common/asset/format/reader.h"
 #include "common/asset/tiles/basis_tile.h"
-#include "common/asset/tiles/compression.h"
 #include "common/asset/tiles/number_coder.h"
 #include "sample_asset.h"
 
@@ -52,8 +51,8 @@ struct Basis {
       for (const auto& [first, end] : {std::pair{0u, rows / 3}, {rows / 3, rows}}) {
         const Predictors part = part_of(predictors, first, end);
         const BasisBlock block{first, end, lo, hi, kExact, rank, scales, part};
-        const Bytes coded = code_basis(block, entries);
-        const auto result = decode_coded_basis(block, coded, read.rows());
+        const Bytes coded = encode_basis(block, entries);
+        const auto result = decode_basis(block, coded, read.rows());
         ASSERT_TRUE(result) << result.error().message;
       }
       for (std::uint32_t i = 0; i < rows; ++i) {
@@ -74,7 +73,7 @@ struct Basis {
   }
 };
 
-TEST(CodedBasis, EveryFloatAndIntegerRoundTripsToTheBit) {
+TEST(BasisTile, EveryFloatAndIntegerRoundTripsToTheBit) {
   std::mt19937 random(3);
   using Limits = std::numeric_limits<float>;
   for (const bool extreme : {false, true}) {
@@ -96,20 +95,9 @@ TEST(CodedBasis, EveryFloatAndIntegerRoundTripsToTheBit) {
   }
 }
 
-TEST(CodedBasis, IsSmallerThanZstdOnSmoothBases) {
-  const Asset asset = sample_asset(4, 40);
-  const auto coded = encode_asset(asset), without = encode_asset(asset, {.code = false});
-  ASSERT_TRUE(coded && without);
-  EXPECT_LT(static_cast<double>(coded->total_bytes()), 0.97 * static_cast<double>(without->total_bytes()));
-  const auto a = decode_asset(*coded), b = decode_asset(*without);
-  ASSERT_TRUE(a && b);
-  EXPECT_EQ(a->floats, b->floats);
-  EXPECT_EQ(a->integers, b->integers);
-}
-
-TEST(CodedBasis, AConstantColumnCostsNothing) {
+TEST(BasisTile, AConstantColumnCostsNothing) {
   Asset asset = sample_asset(4, 12);
-  const auto size = [&] { return encode_asset(asset, {.compress = false}).value().total_bytes(); };
+  const auto size = [&] { return encode_asset(asset).value().total_bytes(); };
   const std::size_t before = size();
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.floats[i * 12 + 1] = 0.3F;
   EXPECT_LT(size() + asset.vertex_count, before);
@@ -118,20 +106,20 @@ TEST(CodedBasis, AConstantColumnCostsNothing) {
   EXPECT_NEAR(static_cast<double>(size()), static_cast<double>(constant), 200);
 }
 
-TEST(CodedBasis, RefusesBytesThatNoWriterWrites) {
+TEST(BasisTile, RefusesBytesThatNoWriterWrites) {
   Basis basis(40, 9);
   const Predictors part = part_of(basis.predictors, 0, 40);
   const BasisBlock block{0, 40, 0, 9, Basis::kExact, 9, basis.scales, part};
   Basis::Read read(basis);
-  Bytes longer = code_basis(block, basis.entries);
+  Bytes longer = encode_basis(block, basis.entries);
   longer.insert(longer.end(), 8, 1);
-  EXPECT_FALSE(decode_coded_basis(block, longer, read.rows()));
+  EXPECT_FALSE(decode_basis(block, longer, read.rows()));
   int refused = 0;
   std::mt19937 random(1);
   for (int trial = 0; trial < 300; ++trial) {
     Bytes any(random() % 400);
     for (auto& byte : any) byte = static_cast<std::uint8_t>(random());
-    const auto result = decode_coded_basis(block, any, read.rows());
+    const auto result = decode_basis(block, any, read.rows());
     if (!result) {
       ++refused;
       continue;
