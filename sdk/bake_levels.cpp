@@ -14,7 +14,8 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kLevels = 16;
-constexpr std::size_t kOfMean = 1024, kOfLargest = 8192;  // vertices of a pose that are looked at
+constexpr std::size_t kPosesSkipped = 1;  // after each one
+constexpr std::size_t kOfMean = 512, kOfLargest = 4096;  // vertices of a pose that are looked at
 
 /// From the base up, each as many times as large as the one before; fewer where they would be equal.
 std::vector<std::uint32_t> levels_of(const Asset& asset) {
@@ -97,7 +98,7 @@ std::vector<GeometricError> level_errors_of(const Asset& asset, const Surface& s
                                             std::span<const std::vector<Vec3>> poses) {
   if (asset.is_point_cloud() && asset.splats.size() == 0) return {};
   std::vector<std::vector<Vec3>> moved{in_order(asset, surface.positions)};
-  for (const std::vector<Vec3>& pose : poses) moved.push_back(in_order(asset, pose));
+  for (std::size_t i = 0; i < poses.size(); i += kPosesSkipped + 1) moved.push_back(in_order(asset, poses[i]));
   const std::vector<std::uint32_t> levels = levels_of(asset);
   std::vector<GeometricError> errors(levels.size());
   worker_team().run(levels.size(), [&](std::size_t task) {

@@ -35,8 +35,8 @@ namespace eigencast {
 Asset::Detail detail_from(DetailKind kind, const Asset& asset, const Surface& surface, std::span<const Vec3> normals,
                           const AssetEncoding& encoding);
 
-/// The errors of 16 levels from the base up (AssetFacts::level_errors). Of a mesh, at up to 8,192 vertices of
-/// each pose, the mean at 1,024.
+/// The errors of 16 levels from the base up (AssetFacts::level_errors). Of a mesh, at up to 4,096 vertices of
+/// each pose, the mean at 512.
 ///   asset  complete, its rows in the order of levels
 ///   poses  of a mesh beside the rest pose, n each, in the source's order
 /// Empty for a cloud without discs.

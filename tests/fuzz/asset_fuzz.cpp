@@ -30,9 +30,9 @@ EncodedAsset hashed(Manifest& manifest, ByteReader& in) {
   for (ChunkEntry& chunk : manifest.chunks) {
     AssetObject object;
     for (TileEntry& tile : chunk.tiles) {
-      const ByteView there = in.bytes(std::min<std::size_t>(tile.stored_bytes, in.remaining()));
+      const ByteView there = in.bytes(std::min<std::size_t>(tile.bytes, in.remaining()));
       Bytes stored(there.begin(), there.end());
-      stored.resize(tile.stored_bytes);
+      stored.resize(tile.bytes);
       tile.hash = sha256(stored);
       object.bytes.insert(object.bytes.end(), stored.begin(), stored.end());
     }
@@ -80,9 +80,9 @@ bool same_entries(const Asset& a, const Asset& b) {
   return true;
 }
 
-/// What is written raw, every column as 32-bit floats, is what is read.
+/// What is written, every column as 32-bit floats, is what is read.
 void write_and_read(const Asset& asset) {
-  const auto encoded = encode_asset(asset, {.exact_columns = asset.rank, .compress = false, .code = false});
+  const auto encoded = encode_asset(asset, {.exact_columns = asset.rank});
   require(encoded.has_value());
   const auto again = decode_asset(*encoded);
   require(again.has_value() && same_entries(*again, asset) && again->map == asset.map && again->faces == asset.faces &&
@@ -99,12 +99,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   auto manifest = read_manifest(in.bytes(std::min(length, in.remaining())));
   if (!manifest || std::size_t{manifest->facts.vertex_count} * manifest->facts.rank > kMaxEntries) return 0;
   std::uint64_t bytes = 0;
-  for (const ChunkEntry& chunk : manifest->chunks) bytes += chunk.stored_bytes();
+  for (const ChunkEntry& chunk : manifest->chunks) bytes += chunk.bytes();
   if (bytes > kMaxBytes) return 0;
 
   const EncodedAsset encoded = hashed(*manifest, in);
   auto reader = AssetReader::from_manifest(encoded.manifest.id, encoded.manifest.bytes, bands);
-  if (!reader) return 0;  // an unknown way to compress a tile that nobody needs is not written as it was read
+  if (!reader) return 0;
   for (std::size_t i = 0; i < encoded.chunks.size(); ++i) {
     const auto wanted = static_cast<std::size_t>(reader->chunks()[i].needed_bytes);
     const ByteView whole = encoded.chunks[i].bytes;

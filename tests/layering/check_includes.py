@@ -79,7 +79,6 @@ LIBRARIES = {
     "METIS": (r"metis\.h", {"common/spectral"}, 1),
     "Spectra": (r"Spectra/", {"common/spectral"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 2),
-    "zstd": (r"zstd\.h", {"common/asset/tiles"}, 1),
     "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker/access", "broker/sockets", "broker/websocket"}, 9),
     "Boost": (r"boost/", {"common/net", "broker", "broker/access", "broker/backbone", "broker/config", "broker/connections", "broker/http", "broker/loops",
                          "broker/sockets"}, 21),
