@@ -19,9 +19,6 @@
  *
  * Times are microseconds: capture times on the sender's clock, others on the caller's. Structures have the layout of
  * C for wasm32, little-endian; `reserved` is zero.
- *
- * Imports: env.zstd_decompress(from, size, to, room): decompresses one zstd frame of `size` bytes into exactly `room`
- * bytes; returns how many it wrote, or a negative number where it could not.
  */
 #ifdef __cplusplus
 extern "C" {

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-import { decompress } from 'fzstd';
 
 /** What eigencast-core.wasm exports: web/core/core.h. Addresses and sizes are numbers, 64-bit integers bigint. */
 export interface Exports {
@@ -68,22 +67,8 @@ export class Core {
   /** `module`: a compiled module, or its bytes. Instances share nothing. */
   static async make(module: WebAssembly.Module | BufferSource): Promise<Core> {
     const compiled = module instanceof WebAssembly.Module ? module : await WebAssembly.compile(module);
-    let memory: WebAssembly.Memory | undefined;
-    const instance = await WebAssembly.instantiate(compiled, {
-      env: {
-        zstd_decompress: (from: number, size: number, to: number, room: number): number => {
-          const buffer = memory!.buffer;
-          try {
-            return decompress(new Uint8Array(buffer, from, size), new Uint8Array(buffer, to, room)).length;
-          } catch {
-            return -1;
-          }
-        },
-      },
-      wasi_snapshot_preview1: refusals(compiled),
-    });
+    const instance = await WebAssembly.instantiate(compiled, { wasi_snapshot_preview1: refusals(compiled) });
     const exports = instance.exports as unknown as Exports;
-    memory = exports.memory;
     exports._initialize();
     return new Core(exports);
   }
