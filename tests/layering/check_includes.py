@@ -66,7 +66,7 @@ ROOMS = {
     "tools/compare": {"common/core", "common/surface", "common/asset", "sender"},
     # What the browser's viewer shares with the native ones, compiled for WebAssembly.
     "web/core": {"common/core", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/levels", "common/asset/format",
-                 "common/asset/tiles", "common/reconstruction", "sdk"},
+                 "common/reconstruction", "sdk"},
     "examples": set(),
 }
 

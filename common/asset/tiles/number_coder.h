@@ -119,8 +119,8 @@ class SignedModel {
   AdaptiveBit negative_;
 };
 
-/// What prediction leaves of columns of integers. Rows that are hard to predict are so in every column: the size of a residual is
-/// predicted by those that the row has had, times what this column's have been beside that.
+/// What prediction leaves of columns of integers. Rows that are hard to predict are so in every column: the size of a
+/// residual is predicted by those that the row has had, times what this column's have been beside that.
 class ResidualModel {
  public:
   explicit ResidualModel(std::size_t rows) : of_row_(rows, 2 * kOne) {}

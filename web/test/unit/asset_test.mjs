@@ -193,7 +193,7 @@ test('HostileAssetsOfTheFuzzerAreRefusedOrDrawable', () => {
       const layout = manifestLayout(manifest);
       let at = 0;
       const chunks = layout.chunks.map((chunk) => {
-        const whole = new Uint8Array(chunk.tiles.reduce((sum, tile) => sum + layout.stored(tile), 0));
+        const whole = new Uint8Array(chunk.tiles.reduce((sum, tile) => sum + layout.bytes(tile), 0));
         whole.set(damaged.subarray(at, at + whole.length));
         at += whole.length;
         return whole;

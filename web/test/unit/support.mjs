@@ -69,14 +69,16 @@ export function manifestLayout(manifest) {
   const bands = u8();
   take(4 * bands + 2 + 8 * 11);
   take(u8());
+  take(u8());
   take(u16());
   take(24 * r + 4 * (r - E));
+  take(12 * u8());
   const chunks = Array.from({ length: u32() }, () => {
     const entry = { at: take(8), idAt: take(32) };
-    return { ...entry, tiles: Array.from({ length: u8() }, () => ({ at: take(4), storedAt: take(4), rawAt: take(4), hashAt: take(32) })) };
+    return { ...entry, tiles: Array.from({ length: u8() }, () => ({ at: take(3), bytesAt: take(4), hashAt: take(32) })) };
   });
-  const stored = (tile) => view.getUint32(tile.storedAt, true);
-  return { n, r, q, F, E, bands, chunks, stored };
+  const bytes = (tile) => view.getUint32(tile.bytesAt, true);
+  return { n, r, q, F, E, bands, chunks, bytes };
 }
 
 /** The asset with hashes that fit what its chunks hold now: an enemy computes hashes, too. */
@@ -86,15 +88,15 @@ export function rehashed(core, { manifest, chunks }) {
   layout.chunks.forEach((chunk, c) => {
     let at = 0;
     for (const tile of chunk.tiles) {
-      forged.set(Buffer.from(core.sha256(chunks[c].subarray(at, at + layout.stored(tile))), 'hex'), tile.hashAt);
-      at += layout.stored(tile);
+      forged.set(Buffer.from(core.sha256(chunks[c].subarray(at, at + layout.bytes(tile))), 'hex'), tile.hashAt);
+      at += layout.bytes(tile);
     }
     forged.set(Buffer.from(core.sha256(chunks[c]), 'hex'), chunk.idAt);
   });
   return { manifest: forged, chunks };
 }
 
-export const ASSETS = ['asset', 'asset_coded'].map((name) => ({
+export const ASSETS = ['asset', 'asset_smooth'].map((name) => ({
   name, ...assetIn(join(GOLDEN, name)), golden: JSON.parse(readFileSync(join(GOLDEN, name, 'golden.json'), 'utf8')),
 }));
 
