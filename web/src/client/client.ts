@@ -8,7 +8,7 @@ import type { Profile } from './profile.js';
 import type { Rebuild, Rebuilt, ToPage, ToWorker } from './protocol.js';
 import { remark } from './refusal.js';
 import type { Pose, Status, Surface } from './subscription.js';
-import { brokerUrl, checkedName, endpoint, streamUrl, type BrokerUrl } from './url.js';
+import { brokerUrl, checkedName, endpoint, locatedUrl, type BrokerUrl } from './url.js';
 
 export interface ConnectOptions {
   /** Presented to the broker; else that of the URL's access_token. */
@@ -266,8 +266,8 @@ export function connect(url: string, options: ConnectOptions = {}): Promise<Brok
 }
 
 /** One stream by its URL, such as https://host/lab/horse?rate=raw, over a connection of its own, which ends with it. */
-export async function watch(url: string, options: ConnectOptions & WatchOptions & { prefix?: string } = {}): Promise<Stream> {
-  const { broker: where, stream, query } = streamUrl(url, options.token, options.prefix);
+export async function watch(url: string, options: ConnectOptions & WatchOptions = {}): Promise<Stream> {
+  const { broker: where, stream, query } = await locatedUrl(url, options.token, surroundings(options.environment));
   const broker = await Broker.make(where, options);
   const watched = broker.watch(stream, { ...options, profile: { ...profileIn(query), ...options.profile } });
   const close = watched.close.bind(watched);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 import { EigencastError } from '../core/module.js';
+import type { Environment } from './environment.js';
 
 /** Where a broker is: an origin and, behind proxies, a path before /v1. */
 export interface BrokerUrl {
@@ -37,8 +38,15 @@ export function brokerUrl(text: string, token = ''): BrokerUrl {
   return { base: url.origin + path, token: token || (url.searchParams.get('access_token') ?? '') };
 }
 
-/** A stream's URL: its broker, name, and the query that says which profile. `prefix`: the path before the name. */
-export function streamUrl(text: string, token = '', prefix = ''): { broker: BrokerUrl; stream: string; query: URLSearchParams } {
+export interface StreamUrl {
+  broker: BrokerUrl;
+  stream: string;
+  /** Which profile. */
+  query: URLSearchParams;
+}
+
+/** A stream's URL, taken apart. `prefix`: the path before the name. Throws EigencastError (invalid-argument). */
+export function streamUrl(text: string, token = '', prefix = ''): StreamUrl {
   const url = parsed(text);
   const [, before, name] = /^(.*)\/v1\/subscribe\/(.+)$/.exec(url.pathname) ?? [
     '', prefix, url.pathname.startsWith(`${prefix}/`) ? url.pathname.slice(prefix.length + 1) : url.pathname.slice(1),
@@ -47,6 +55,21 @@ export function streamUrl(text: string, token = '', prefix = ''): { broker: Brok
   const broker = { base: url.origin + (before ?? ''), token: token || (query.get('access_token') ?? '') };
   query.delete('access_token');
   return { broker, stream: checkedName(decodeURIComponent(name ?? '').replace(/\/+$/, '')), query };
+}
+
+/** The same where a proxy may have put a path in front: the URL itself says where its endpoints are (protocol.md, section 9). */
+export async function locatedUrl(text: string, token: string | undefined, { fetch }: Environment): Promise<StreamUrl> {
+  const direct = streamUrl(text, token), url = parsed(text), asked = url.origin + url.pathname;
+  if (!direct.stream.includes('/') || url.pathname.includes('/v1/')) return direct;
+  try {
+    const answer = await fetch(asked, { headers: { accept: 'application/json' }, signal: AbortSignal.timeout(3000) });
+    const { subscribe } = (await answer.json()) as { subscribe?: unknown };
+    const found = new URL(String(subscribe), asked);
+    if (typeof subscribe === 'string' && found.origin === url.origin && found.pathname.includes('/v1/subscribe/')) return streamUrl(found.href + url.search, token);
+  } catch {
+    // An older broker, or none: the connection says why.
+  }
+  return direct;
 }
 
 /** Throws EigencastError (invalid-argument) where it is not a stream's name (protocol.md, section 2). */

@@ -10,7 +10,8 @@
  * broker one connection.
  */
 import { connect, profileIn, type Broker, type Stream } from '../client/client.js';
-import { streamUrl, type BrokerUrl } from '../client/url.js';
+import { surroundings } from '../client/environment.js';
+import { locatedUrl, type BrokerUrl } from '../client/url.js';
 import { EigencastError } from '../core/module.js';
 import { Controls } from '../view/controls.js';
 import { Stage } from '../view/stage.js';
@@ -94,7 +95,8 @@ export class EigencastView extends HTMLElement {
     if (!src) return;
     let leave = (): void => {};
     try {
-      const { broker: where, stream: name, query } = streamUrl(new URL(src, document.baseURI).href, this.token);
+      const { broker: where, stream: name, query } = await locatedUrl(new URL(src, document.baseURI).href, this.token, surroundings());
+      if (mine !== this.#opened) return;
       const connection = shared(where, name);
       leave = connection.leave;
       const broker = await connection.broker, drawn = await (stage ??= Stage.make(broker.module));

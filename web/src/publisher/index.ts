@@ -6,7 +6,7 @@ import { surroundings, type Environment } from '../client/environment.js';
 import { Events } from '../client/events.js';
 import { failureOfClose, failureOfHandshake } from '../client/refusal.js';
 import { Retry, tryAgainIn, type Failure } from '../client/retry.js';
-import { endpoint, streamUrl, type BrokerUrl } from '../client/url.js';
+import { endpoint, locatedUrl, type BrokerUrl } from '../client/url.js';
 import { AssetReader, type AssetFacts } from '../core/asset.js';
 import type { Format } from '../core/frames.js';
 import { Core, EigencastError } from '../core/module.js';
@@ -21,8 +21,6 @@ export interface PublishOptions extends Pick<ConnectOptions, 'token' | 'core' | 
   keyRateHz?: number;
   /** eigencast-writer.wasm, as `core`. Default: beside this file. */
   writer?: ConnectOptions['core'];
-  /** The path before the stream's name in the URL, behind proxies. */
-  prefix?: string;
 }
 export interface PublisherStatus {
   state: 'connecting' | 'announcing' | 'live' | 'lost' | 'refused' | 'closed';
@@ -192,8 +190,8 @@ export class Publisher extends Events<PublisherEvents> {
 }
 
 /** A stream by its URL, such as https://host/lab/ball. Throws EigencastError (invalid-argument, not-found, ...). */
-export async function publish(url: string, { asset, error, keyRateHz = 30, token, core, writer, prefix, environment: given }: PublishOptions): Promise<Publisher> {
-  const environment = surroundings(given), { broker, stream } = streamUrl(url, token, prefix);
+export async function publish(url: string, { asset, error, keyRateHz = 30, token, core, writer, environment: given }: PublishOptions): Promise<Publisher> {
+  const environment = surroundings(given), { broker, stream } = await locatedUrl(url, token, environment);
   const load = async (module: ConnectOptions['core'], name: string): Promise<Core> => Core.make(await compiled(module ?? new URL(name, import.meta.url), environment));
   const [reading, writing] = await Promise.all([load(core, './eigencast-core.wasm'), load(writer, './eigencast-writer.wasm')]);
   const answer = await environment.fetch(endpoint(broker, `/v1/assets/${asset}`, '', 'http'));

@@ -11,6 +11,7 @@ import { Worker as NodeWorker } from 'node:worker_threads';
 import { FrameDecoder, stepSize } from '../../../sdk/js/frames.mjs';
 import { environment, until, ws } from '../unit/fake_broker.mjs';
 import { BUILD, internals, sameBits, wasm, writerWasm } from '../unit/support.mjs';
+import { startSite } from '../browser/site.mjs';
 import { BIN, Programs } from './programs.mjs';
 
 const { connect, publish, watch } = internals;
@@ -201,6 +202,18 @@ test('APublisherComesBackWhenItsConnectionIsLost', async () => {
   publisher.close();
   await until(() => stream.status.state === 'stalled', 'stalled');
   stream.close();
+});
+
+test('UrlsBehindAPathOfAProxyAreFound', async () => {
+  const proxy = await startSite(shared.port, { prefix: '/behind/a/proxy' });
+  const stream = await watch(`${proxy.url}/lab/heart?rate=raw`, options);
+  await until(() => stream.pose && stream.surface?.isComplete, 'a pose');
+  assert.deepEqual([stream.name, stream.info.profile.rate], ['lab/heart', 'raw']);
+  const publisher = await publish(`${proxy.url}/play/e`, { ...options, writer: writerWasm, asset: stream.surface.asset });
+  await until(() => publisher.send(publisher.rest), 'a pose that is sent');
+  publisher.close();
+  stream.close();
+  await proxy.stop();
 });
 
 test('AWorkerDoesTheSame', async () => {
