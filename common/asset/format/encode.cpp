@@ -183,7 +183,7 @@ class Encoder {
     entry.kind = static_cast<std::uint8_t>(kind);
     entry.index = static_cast<std::uint8_t>(index);
     entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
-    entry.bytes = static_cast<std::uint32_t>(bytes.size());
+    entry.bytes = static_cast<std::uint32_t>(std::min<std::size_t>(bytes.size(), 0xffffffff));  // Over all limits then.
     entry.hash = sha256(bytes);
     return {entry, std::move(bytes)};
   }

@@ -216,7 +216,8 @@ Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const Ch
                                                                         const StructureTile& structure) const {
   const auto uv_tile = find_tile(entry, bytes, TileKind::kUvs);
   const auto image_tile = find_tile(entry, bytes, TileKind::kImage);
-  if (entry.end_row != asset_.vertex_count || !uv_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
+  if (entry.end_row != asset_.vertex_count || !uv_tile || !image_tile || image_tile->empty())
+    return std::shared_ptr<const AssetTexture>();
   std::vector<std::uint32_t> map = asset_.map;
   append(map, structure.map);
   std::vector<Corners> faces = structure.old_faces;

@@ -157,5 +157,23 @@ TEST(Texture, LargeImagesAreRefused) {
   EXPECT_EQ(refused.error().code, ErrorCode::kTooLarge);
 }
 
+TEST(Texture, AnEmptyImageIsNone) {
+  auto encoded = encode_asset(textured_asset(1), {.first_chunk_rows = 16});
+  ASSERT_TRUE(encoded);
+  auto manifest = read_manifest(encoded->manifest.bytes);
+  ASSERT_TRUE(manifest);
+  ChunkEntry& chunk = manifest->chunks.back();
+  Bytes& bytes = encoded->chunks.back().bytes;
+  bytes.resize(bytes.size() - chunk.tiles.back().bytes);
+  chunk.tiles.back().bytes = 0;
+  chunk.tiles.back().hash = sha256({});
+  encoded->chunks.back().id = chunk.id = sha256(bytes);
+  encoded->manifest.bytes = write_manifest(*manifest);
+  encoded->manifest.id = sha256(encoded->manifest.bytes);
+  const auto decoded = decode_asset(*encoded);
+  ASSERT_TRUE(decoded) << decoded.error().message;
+  EXPECT_EQ(decoded->texture, nullptr);
+}
+
 }  // namespace
 }  // namespace eigencast
