@@ -166,7 +166,7 @@ TEST(Texture, AnEmptyImageIsNone) {
   Bytes& bytes = encoded->chunks.back().bytes;
   bytes.resize(bytes.size() - chunk.tiles.back().bytes);
   chunk.tiles.back().bytes = 0;
-  chunk.tiles.back().hash = sha256({});
+  chunk.tiles.back().hash = sha256(Bytes());
   encoded->chunks.back().id = chunk.id = sha256(bytes);
   encoded->manifest.bytes = write_manifest(*manifest);
   encoded->manifest.id = sha256(encoded->manifest.bytes);
