@@ -100,21 +100,32 @@ RangeRequest range_from_header(std::string_view header, std::uint64_t size) {
   return {RangeRequest::Kind::kPart, *first, open_end ? size - 1 : std::min(*last, size - 1)};
 }
 
-int weight_of(std::string_view header, std::string_view name) {
-  for (const std::string_view element : split(header, ',')) {
-    const auto parts = split(element, ';');
-    const std::string_view word = trimmed(parts.front());
-    if (word.size() != name.size() || ::strncasecmp(word.data(), name.data(), name.size()) != 0) continue;
+std::vector<int> weights_of(std::string_view header, std::initializer_list<std::string_view> names) {
+  constexpr std::size_t kMaxBytes = 256;  // Browsers send 150.
+  if (header.size() > kMaxBytes) header = header.substr(0, header.rfind(',', kMaxBytes) + 1);
+  const auto take = [](std::string_view& rest, char end) {
+    const std::string_view part = rest.substr(0, rest.find(end));
+    rest.remove_prefix(std::min(part.size() + 1, rest.size()));
+    return trimmed(part);
+  };
+  std::vector<int> weights(names.size(), -1);
+  while (!header.empty()) {
+    std::string_view element = take(header, ',');
+    const std::string_view word = take(element, ';');
+    const auto name = std::find_if(names.begin(), names.end(), [&](std::string_view each) {
+      return word.size() == each.size() && ::strncasecmp(word.data(), each.data(), each.size()) == 0;
+    });
+    if (name == names.end() || weights[static_cast<std::size_t>(name - names.begin())] >= 0) continue;
     double weight = 1;
-    for (const std::string_view part : parts) {
-      const std::string_view parameter = trimmed(part);
+    while (!element.empty()) {
+      const std::string_view parameter = take(element, ';');
       if (!parameter.starts_with("q=") && !parameter.starts_with("Q=")) continue;
       const auto read = std::from_chars(parameter.data() + 2, parameter.data() + parameter.size(), weight);
       if (read.ec != std::errc() || !(weight >= 0)) weight = 0;
     }
-    return static_cast<int>(1000 * std::min(weight, 1.0));
+    weights[static_cast<std::size_t>(name - names.begin())] = static_cast<int>(1000 * std::min(weight, 1.0));
   }
-  return -1;
+  return weights;
 }
 
 bool etag_matches(std::string_view header, std::string_view etag) {

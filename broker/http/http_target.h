@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <initializer_list>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/core/result.h"
 
@@ -32,8 +34,9 @@ struct RangeRequest {
 /// Parses a Range header. Several ranges, other units and malformed headers are ignored, as RFC 9110 14.2 allows.
 RangeRequest range_from_header(std::string_view header, std::uint64_t size);
 
-/// The thousandths that a header such as Accept gives `name`; -1: it does not name it (RFC 9110, 12.4.2).
-int weight_of(std::string_view header, std::string_view name);
+/// The thousandths that a header such as Accept gives each of `names`; -1: it does not name it (RFC 9110, 12.4.2), or
+/// only after its first 256 bytes.
+std::vector<int> weights_of(std::string_view header, std::initializer_list<std::string_view> names);
 
 /// Whether an If-None-Match header matches this entity tag (with its quotes).
 bool etag_matches(std::string_view header, std::string_view etag);

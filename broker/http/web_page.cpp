@@ -74,28 +74,26 @@ void find_file(HttpConnection& connection, std::string_view name, std::function<
 /// What of a file the client takes, with its name; nothing: neither coding nor the file as it is.
 std::optional<std::pair<std::string_view, std::string_view>> chosen_coding(std::string_view accepted,
                                                                            const WebFile& file) {
-  const int any = weight_of(accepted, "*");
-  const auto weight = [&](std::string_view name, int unnamed) {
-    const int own = weight_of(accepted, name);
-    return own >= 0 ? own : any >= 0 ? any : unnamed;
+  const auto given = weights_of(accepted, {"br", "gzip", "identity", "*"});
+  const auto weight = [&](std::size_t at, int unnamed) {
+    return given[at] >= 0 ? given[at] : given[3] >= 0 ? given[3] : unnamed;
   };
   const std::array<std::pair<int, std::pair<std::string_view, std::string_view>>, 3> all{
-      {{file.brotli.empty() ? 0 : weight("br", 0), {"br", file.brotli}},
-       {file.gzip.empty() ? 0 : weight("gzip", 0), {"gzip", file.gzip}},
-       {weight("identity", 1), {{}, file.plain}}}};
+      {{file.brotli.empty() ? 0 : weight(0, 0), {"br", file.brotli}},
+       {file.gzip.empty() ? 0 : weight(1, 0), {"gzip", file.gzip}},
+       {weight(2, 1), {{}, file.plain}}}};
   const auto best = std::max_element(all.begin(), all.end(), [](auto& a, auto& b) { return a.first < b.first; });
   return best->first > 0 ? std::optional(best->second) : std::nullopt;
 }
 
 /// Whether a request for a stream's URL wants to read HTML: its first choice, or as good as JSON that it does not name.
 bool wants_html(const std::string& accepted) {
-  const int any = weight_of(accepted, "*/*");
-  const auto weight = [&](std::string_view name, std::string_view range) {
-    const int own = weight_of(accepted, name), all = weight_of(accepted, range);
-    return own >= 0 ? own : all >= 0 ? all : any;
+  const auto given = weights_of(accepted, {"text/html", "text/*", "application/json", "application/*", "*/*"});
+  const auto weight = [&](std::size_t at) {
+    return given[at] >= 0 ? given[at] : given[at + 1] >= 0 ? given[at + 1] : given[4];
   };
-  const int html = weight("text/html", "text/*"), json = weight("application/json", "application/*");
-  return html > json || (html == json && weight_of(accepted, "application/json") < 0);
+  const int html = weight(0), json = weight(2);
+  return html > json || (html == json && given[2] < 0);
 }
 
 /// From a stream's URL to the broker's root: proxies may have put a path in front.

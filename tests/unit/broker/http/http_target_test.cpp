@@ -106,6 +106,10 @@ TEST(RangeTest, OtherRangesAreIgnoredOrUnsatisfiable) {
   }
 }
 
+int weight_of(std::string_view header, std::string_view name) {
+  return weights_of(header, {"other", name}).back();
+}
+
 TEST(WeightTest, NamesAreComparedAndWeightsRead) {
   EXPECT_EQ(weight_of("gzip, br", "br"), 1000);
   EXPECT_EQ(weight_of("GZip ; Q=0.25 , br", "gzip"), 250);
@@ -114,6 +118,14 @@ TEST(WeightTest, NamesAreComparedAndWeightsRead) {
   EXPECT_EQ(weight_of("br;q=7", "br"), 1000);
   for (const char* bad : {"br;q=", "br;q=x", "br;q=-1", "br;q=nan"}) EXPECT_EQ(weight_of(bad, "br"), 0) << bad;
   for (const char* other : {"", ",;,", "brr", "b", "x;br", "q=1"}) EXPECT_EQ(weight_of(other, "br"), -1) << other;
+  EXPECT_EQ(weights_of("a;q=0.1, b, a", {"a", "c", "b"}), std::vector({100, -1, 1000})) << "what comes first";
+}
+
+TEST(WeightTest, OnlyTheFirstBytesOfAHeaderAreRead) {
+  EXPECT_EQ(weight_of(std::string(250, ',') + "br", "br"), 1000);
+  EXPECT_EQ(weight_of(std::string(16'000, ',') + "br", "br"), -1);
+  EXPECT_EQ(weight_of(std::string(250, ',') + "br;     q=0", "br"), -1) << "no half of an element";
+  EXPECT_EQ(weight_of(std::string(16'000, ';') + "q=0", ""), -1);
 }
 
 TEST(EtagTest, MatchesLists) {
