@@ -24,7 +24,6 @@ constexpr std::size_t kMaxHeadBytes = 16 * 1024;
 constexpr std::size_t kLargeHeadBytes = 3 * kMaxHeadBytes;
 /// What OpenSSL allocates for a ClientHello once its header says that it is as long as can be.
 constexpr std::size_t kHandshakeBytes = 160 * 1024;
-constexpr std::chrono::milliseconds kHandshakeRetry{50};
 constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
 constexpr TimeUs kMaxReadWaitUs = 2'000'000;
@@ -195,19 +194,24 @@ void HttpConnection::start() {
     const double work_us = self->transport_.handshake_us();
     const auto wait_us = error ? std::nullopt : self->take_work(work_us, self->limits().head_ms * 1000);
     if (!wait_us) return self->close();
-    self->disarm();
-    if (self->take_turn(work_us, *wait_us, [self] { self->begin_handshake(); })) self->begin_handshake();
+    self->arm(self->limits().head_ms + *wait_us / 1000);
+    const auto begin = [self] { self->begin_handshake(); };
+    // The turn comes last: memory that many wait for may be given back at once.
+    if (self->take_turn(work_us, *wait_us, begin, [self] { return self->hold_handshake(); })) begin();
   });
+}
+
+NewcomerTime::Supply HttpConnection::hold_handshake() {
+  if (!transport_.socket().is_open()) return NewcomerTime::Supply::kGone;
+  if (!store(unfinished_, hold_bytes(kHandshakeBytes))) return NewcomerTime::Supply::kShort;
+  disarm();
+  return NewcomerTime::Supply::kHeld;
 }
 
 void HttpConnection::begin_handshake() {
   if (!transport_.socket().is_open()) return;
-  if (!pace_) arm(limits().head_ms);
-  if (store(unfinished_, hold_bytes(kHandshakeBytes))) return shake_hands();
-  pace_ = std::make_unique<Timer>(context_.loop.get_executor(), kHandshakeRetry);
-  pace_->async_wait([self = shared_from_this()](ErrorOf error) {
-    if (!error) self->begin_handshake();
-  });
+  arm(limits().head_ms);
+  shake_hands();
 }
 
 void HttpConnection::shake_hands() {

@@ -70,8 +70,10 @@ class HttpSession final : public HttpConnection {
     return grant_->take_http_work(us, steady_now_us(), most_us);
   }
 
-  bool take_turn(double us, TimeUs wait_us, std::function<void()> then) override {
-    return grant_->is_proxy() || context().newcomers.take(grant_->holder(), us, wait_us, std::move(then));
+  bool take_turn(double us, TimeUs wait_us, std::function<void()> then, NewcomerTime::Hold hold) override {
+    const bool is_free = grant_->is_proxy();
+    if (is_free && (!hold || hold() == NewcomerTime::Supply::kHeld)) return true;
+    return context().newcomers.take(grant_->holder(), is_free ? 0 : us, wait_us, std::move(then), std::move(hold));
   }
 
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }

@@ -11,6 +11,8 @@ namespace {
 
 constexpr double kPart = 0.5;        ///< Of the loop's time.
 constexpr double kAtOnceUs = 5'000;  ///< Taken ahead of it after a rest.
+constexpr TimeUs kSupplyEveryUs = 50'000;
+constexpr int kSuppliedAtOnce = 256;
 
 }  // namespace
 
@@ -18,16 +20,48 @@ bool NewcomerTime::is_free(TimeUs now_us) const {
   return paid_until_us_ <= static_cast<double>(now_us) + kAtOnceUs;
 }
 
-bool NewcomerTime::take(const std::string& holder, double us, TimeUs wait_us, std::function<void()> then) {
+void NewcomerTime::pay(double us, TimeUs now_us) {
+  paid_until_us_ = std::max(paid_until_us_, static_cast<double>(now_us)) + us / kPart;
+}
+
+bool NewcomerTime::take(const std::string& holder, double us, TimeUs wait_us, std::function<void()> then, Hold hold) {
   const TimeUs now_us = steady_now_us();
-  if (wait_us <= 0 && waiting_.empty() && is_free(now_us)) {
-    paid_until_us_ = std::max(paid_until_us_, static_cast<double>(now_us)) + us / kPart;
-    return true;
+  Work work{holder, us, std::move(then), std::move(hold)};
+  if (wait_us > 0) {
+    later_.emplace(now_us + wait_us, std::move(work));
+  } else if (is_supplied(work, now_us)) {
+    if (waiting_.empty() && is_free(now_us)) return pay(us, now_us), true;
+    wait(std::move(work));
   }
-  Work work{holder, us, std::move(then)};
-  wait_us <= 0 ? wait(std::move(work)) : void(later_.emplace(now_us + wait_us, std::move(work)));
   arm();
   return false;
+}
+
+/// False: it waits for what it needs, behind others of its holder, or is gone.
+bool NewcomerTime::is_supplied(Work& work, TimeUs now_us) {
+  if (!work.hold) return true;
+  const Supply supply = short_.contains(work.holder) ? Supply::kShort : work.hold();
+  if (supply != Supply::kShort) return supply == Supply::kHeld;
+  if (short_.empty()) supply_at_us_ = now_us + kSupplyEveryUs;
+  auto& others = short_[work.holder];
+  others.push_back(std::move(work));
+  return false;
+}
+
+void NewcomerTime::supply() {
+  std::size_t in_vain = 0;
+  for (int i = 0; i < kSuppliedAtOnce && in_vain < short_.size(); ++i) {
+    auto next = short_.upper_bound(supplied_);
+    if (next == short_.end()) next = short_.begin();
+    supplied_ = next->first;
+    auto& works = next->second;
+    const Supply supply = works.front().hold();
+    in_vain = supply == Supply::kShort ? in_vain + 1 : 0;
+    if (in_vain > 0) continue;
+    if (supply == Supply::kHeld) wait(std::move(works.front()));
+    works.pop_front();
+    if (works.empty()) short_.erase(next);
+  }
 }
 
 void NewcomerTime::wait(Work work) {
@@ -36,9 +70,10 @@ void NewcomerTime::wait(Work work) {
 }
 
 void NewcomerTime::arm() {
-  if (waiting_.empty() && later_.empty()) return;
+  if (waiting_.empty() && later_.empty() && short_.empty()) return;
   TimeUs next_us = later_.empty() ? std::numeric_limits<TimeUs>::max() : later_.begin()->first;
   if (!waiting_.empty()) next_us = std::min(next_us, static_cast<TimeUs>(std::ceil(paid_until_us_ - kAtOnceUs)));
+  if (!short_.empty()) next_us = std::min(next_us, supply_at_us_);
   if (armed_us_ != 0 && armed_us_ <= next_us) return;
   armed_us_ = next_us;
   timer_.expires_at(std::chrono::steady_clock::time_point(std::chrono::microseconds(next_us)));
@@ -51,12 +86,17 @@ void NewcomerTime::serve() {
   armed_us_ = 0;
   const TimeUs now_us = steady_now_us();
   while (!later_.empty() && later_.begin()->first <= now_us) {
-    wait(std::move(later_.extract(later_.begin()).mapped()));
+    Work work = std::move(later_.extract(later_.begin()).mapped());
+    if (is_supplied(work, now_us)) wait(std::move(work));
+  }
+  if (!short_.empty() && supply_at_us_ <= now_us) {
+    supply_at_us_ = now_us + kSupplyEveryUs;
+    supply();
   }
   std::function<void()> then;
   if (!waiting_.empty() && is_free(now_us)) {
     Work work = waiting_.pop().item;
-    paid_until_us_ = std::max(paid_until_us_, static_cast<double>(now_us)) + work.us / kPart;
+    pay(work.us, now_us);
     then = std::move(work.then);
   }
   arm();  // One at a time: streams come between.

@@ -936,6 +936,28 @@ class Files(unittest.TestCase):
             with socket.create_connection(("127.0.0.1", broker.port), timeout=60, source_address=("127.0.0.2", 0)) as other:
                 context.wrap_socket(other).close()
 
+    def test_handshakes_wait_for_memory(self):
+        certificate, key = self.certificate("rsa:2048")
+        context = tls_client()
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", "--per-address-unfinished-bytes=200000",
+                    "--timeouts-header-ms=60000") as broker:
+
+            def enter():
+                with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
+                    context.wrap_socket(sock).close()
+
+            with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as first:
+                first.sendall(client_hello(context))
+                self.assertEqual(first.recv(1), bytes([22]), "it has what one may have")
+                entering = [threading.Thread(target=enter, daemon=True) for _ in range(8)]
+                for thread in entering:
+                    thread.start()
+                entering[0].join(0.3)
+                self.assertTrue(all(thread.is_alive() for thread in entering))
+            for thread in entering:
+                thread.join(60)
+                self.assertFalse(thread.is_alive())
+
     def test_a_hello_in_many_records_ends_the_connection(self):
         certificate, key = self.certificate("rsa:2048")
         hello = client_hello(tls_client())[5:]

@@ -25,5 +25,35 @@ TEST(NewcomerTime, ACrowdTakesHalfOfTheLoopsTimeAndLeavesOthersTheirTurns) {
   EXPECT_GE(steady_now_us() - began_us, 2 * (802 * 500) - 7'000);
 }
 
+/// Memory that is given back at once starts nothing at once: those who waited for it take turns, and few ask.
+TEST(NewcomerTime, WhoIsShortOfMemoryWaitsForItBeforeItsTurn) {
+  using Supply = NewcomerTime::Supply;
+  asio::io_context loop;
+  NewcomerTime time(loop);
+  constexpr int kEach = 300, kHolders = 4, kUs = 500;
+  int room = 0, asked = 0, done = 0, gone = 0;
+  const auto hold = [&] {
+    ++asked;
+    return room > 0 ? --room, Supply::kHeld : Supply::kShort;
+  };
+  for (int i = 0; i < kEach * kHolders; ++i) {
+    EXPECT_FALSE(time.take("hog" + std::to_string(i % kHolders), kUs, 0, [&] { ++done; }, hold));
+  }
+  EXPECT_EQ(asked, kHolders) << "others stand behind";
+  const auto leave = [&] { return ++gone == 1 ? Supply::kShort : Supply::kGone; };
+  EXPECT_FALSE(time.take("gone", kUs, 0, [&] { ++done; }, leave));
+  while (asked < 3 * kHolders) loop.run_one();
+  EXPECT_EQ(asked, 3 * kHolders) << "one of each a time";
+  EXPECT_TRUE(time.take("rich", kUs, 0, {}, [] { return Supply::kHeld; })) << "who has memory waits for nobody";
+  room = kEach * kHolders;
+  const TimeUs began_us = steady_now_us();
+  while (room == kEach * kHolders) loop.run_one();
+  EXPECT_EQ(done, 1) << "of all that hold memory now";
+  loop.run();
+  EXPECT_EQ(done, kEach * kHolders);
+  EXPECT_EQ(gone, 2);
+  EXPECT_GE(steady_now_us() - began_us, 2 * kEach * kHolders * kUs - 15'000);
+}
+
 }  // namespace
 }  // namespace eigencast::broker
