@@ -112,7 +112,8 @@ Grant::Grant(Gate& gate, Identity identity, const IpAddress& peer, std::shared_p
   holders_.push_back({gate_.addresses_.account(address.limit_key(), now_us), false});
   if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(identity_.key, now_us), true});
   site_ = holders_.back().account;
-  if (identity_.key.empty() && !address.is_v4()) site_ = gate_.addresses_.account(address.site_key(), now_us);
+  const bool is_single = identity_.key.empty() ? address.is_v4() : holder() == identity_.key;
+  if (!is_single) site_ = gate_.addresses_.account(holder(), now_us);
 }
 
 Grant::~Grant() {
@@ -249,7 +250,9 @@ Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
 }
 
 std::string Grant::holder() const {
-  return identity_.key.empty() ? "address " + identity_.client.address.site_key() : identity_.key;
+  const std::string site = identity_.client.address.site_key();
+  if (identity_.key.empty()) return "address " + site;
+  return identity_.rights.publish.empty() ? identity_.key + " at " + site : identity_.key;
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {

@@ -116,9 +116,11 @@ class Grant {
   /// Takes kConnection, within the holder's share_of() limits.max_connections while `open` others are open, over from
   /// `former`, if that has it, whose it stays on failure. On the thread of Gate::accept(). Errors: as take().
   Result<void> take_place(std::int64_t open, Grant* former = nullptr);
-  /// take() for what outlasts the connection: the token's, or the address's without one, until the pointer ends.
+  /// take() for what outlasts the connection: the holder()'s, until the pointer ends.
   Result<std::shared_ptr<void>> hold(Resource resource) const;
-  std::string holder() const;  ///< Whose limits hold() counts towards: a key among tokens and addresses.
+  /// Whose shares and time it takes: a token, or an address without one. Many may have a token that only views (a link
+  /// of --share), so that each address with it is one.
+  std::string holder() const;
   /// Whether it comes from this machine, through no proxy known to be one, and so may have more than its share.
   bool is_spared() const { return spared_; }
   /// Memory of a message that came in part, or of an answer sent in part: counts until the pointer ends, towards the
@@ -175,7 +177,7 @@ class Grant {
   Identity identity_;
   bool spared_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< The policy that admitted or last confirmed it.
-  /// Not the account of holders_.back(): an IPv6 address without a token counts towards its site's shares, too.
+  /// Not the account of holders_.back(), but that of holder(): of an IPv6 site, or of a token's viewers at an address.
   bool has_site() const { return site_ != holders_.back().account; }
 
   std::vector<Holder> holders_;

@@ -334,7 +334,7 @@ TEST_F(GateTest, OneAddressLeavesPlacesOfConnectionsToOthers) {
 TEST_F(GateTest, PlaceOfAConnectionPassesToItsClient) {
   config_.limits.max_connections = 20;
   config_.proxy.trusted = {"10.0.0.1"};
-  auto through_proxy = request_from("10.0.0.1", token_for("a", {}, {"**"}));
+  auto through_proxy = request_from("10.0.0.1", token_for("a", {"**"}, {}));
   through_proxy.forwarded.x_forwarded_for = "127.0.0.1";
   const auto proxy = std::get<GrantPtr>(gate().accept(through_proxy.peer, 0, 0));
   std::vector<GrantPtr> clients;
@@ -347,10 +347,10 @@ TEST_F(GateTest, PlaceOfAConnectionPassesToItsClient) {
 
   auto peers = hoard(gate(), "8.8.8.8", 4);
   ASSERT_EQ(peers.size(), 3u);
-  const auto as_a = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
+  const auto as_a = let_in(request_from("8.8.8.8", token_for("a", {"**"}, {})));
   EXPECT_FALSE(as_a->take_place(6, peers[0].get())) << "the token has its share";
   EXPECT_EQ(hoard(gate(), "8.8.8.8", 7).size(), 0u) << "the connection still counts to its address";
-  const auto as_b = let_in(request_from("8.8.8.8", token_for("b", {}, {"**"})));
+  const auto as_b = let_in(request_from("8.8.8.8", token_for("b", {"**"}, {})));
   EXPECT_TRUE(as_b->take_place(6, peers[0].get()));
   peers.clear();
   clients.clear();
@@ -701,6 +701,28 @@ TEST_F(GateTest, OneHolderLeavesUploadsToOthers) {
   EXPECT_TRUE(hog->take_share(Resource::kUpload, 16, used)) << "what was refused is not held";
 }
 
+TEST_F(GateTest, OneWhoHasALinkKeepsNobodyOutWhoHasItToo) {
+  config_.per_token.requests_per_s = 10;
+  const std::string link = token_for("shared", {}, {"**"});
+  std::vector<GrantPtr> hogs;
+  do hogs.push_back(let_in(request_from("1.1.1.1", link)));
+  while (hogs.back()->take_share(Resource::kConnection, 100, static_cast<std::int64_t>(hogs.size()) - 1));
+  EXPECT_EQ(hogs.size(), 21) << "a fifth";
+  (void)hogs[0]->take_work(1e6, kSecond, kForeverUs);
+  const auto other = let_in(request_from("1.1.1.2", link));
+  EXPECT_TRUE(other->take_share(Resource::kConnection, 100, 20));
+  EXPECT_EQ(other->take_work(100, kSecond, 0), 0);
+  EXPECT_NE(other->holder(), hogs[0]->holder());
+  EXPECT_NE(other->purse(), hogs[0]->purse());
+  for (int i = 0; i < 10; ++i) EXPECT_TRUE(hogs[0]->take_request(0, kSecond, 0));
+  EXPECT_FALSE(other->take_request(0, kSecond, 0)) << "what a token may do all together";
+  hogs.clear();
+  EXPECT_TRUE(let_in(request_from("1.1.1.1", link))->take_share(Resource::kConnection, 100, 1)) << "was given back";
+  const std::string key = token_for("s", {"**"}, {});
+  const auto sender = [&](const char* peer) { return let_in(request_from(peer, key))->holder(); };
+  EXPECT_EQ(sender("1.1.1.1"), sender("1.1.1.2")) << "a sender may move";
+}
+
 TEST_F(GateTest, HttpIsBudgetedPerAddressBeforeAnyToken) {
   config_.per_address.work_us_per_s = 1'000;
   config_.proxy.trusted = {"10.0.0.1"};
@@ -741,13 +763,13 @@ TEST_F(GateTest, UnfinishedBytesAreLimited) {
 }
 
 TEST_F(GateTest, HolderUsesUpFewEpochs) {
-  const auto first = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
+  const auto first = let_in(request_from("1.1.1.1", token_for("a", {"**"}, {})));
   for (double i = 0; i < Grant::kAnnouncementsPerHour; ++i) ASSERT_TRUE(first->take_announcement(false, kSecond));
-  const auto again = let_in(request_from("2.2.2.2", token_for("a", {}, {"**"})));
+  const auto again = let_in(request_from("2.2.2.2", token_for("a", {"**"}, {})));
   EXPECT_EQ(again->take_announcement(false, kSecond).error().code, ErrorCode::kRefused) << "whatever the connection";
-  EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})))->take_announcement(false, kSecond));
+  EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})))->take_announcement(false, kSecond));
   EXPECT_TRUE(again->take_announcement(false, 2 * kSecond)) << "more come with time";
-  const auto inventor = let_in(request_from("1.1.1.1", token_for("c", {}, {"**"})));
+  const auto inventor = let_in(request_from("1.1.1.1", token_for("c", {"**"}, {})));
   int names = 0;
   while (inventor->take_announcement(true, kSecond)) ++names;
   EXPECT_EQ(names, 1'000) << "of which all brokers keep rows";
