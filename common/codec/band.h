@@ -12,10 +12,13 @@
 /// and coarse runs, which are predicted from two keys and give the values to within a spacing of the encoder's choice.
 namespace eigencast::band {
 
-/// The values of the two latest keys in a band, at the step of the frame.
+/// The values of the two latest keys in a band, at the step of the frame, and those of a memory (see PoseMemory).
 struct References {
   std::span<const std::int32_t> c1;  ///< The latest key; empty where it lacks the band.
   std::span<const std::int32_t> c2;  ///< The one before it; empty where it lacks the band: then at rest.
+  std::span<const std::int32_t>
+      e{};  ///< The memory at the phase of this frame; empty: it is predicted from keys alone.
+  std::span<const std::int32_t> e1{};  ///< The memory at the phase of the latest key; empty: that had none.
 };
 
 /// The precision of a coarse run.
@@ -38,6 +41,9 @@ void append_exact(std::span<const std::int32_t> values, std::span<const std::int
 /// Returns false, and appends nothing, if a decoded value would leave the range. REQUIRES: from.c1 is not empty.
 bool append_coarse(std::span<const std::int32_t> values, const References& from, const Spacing& spacing, Bytes& out,
                    std::span<std::int32_t> decoded);
+
+/// Estimates the bits of a coarse run, up to a constant of the band, from the best prediction. REQUIRES: as above.
+double estimated_bits(std::span<const std::int32_t> values, const References& from, const Spacing& spacing);
 
 /// Appends a coarse run whose decoded values are within `half` of their targets, for values that no later key is
 /// predicted from. Receivers have `from`, as many values, as both of their keys.

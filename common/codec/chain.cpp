@@ -2,12 +2,14 @@
 #include "common/codec/chain.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <functional>
 #include <string>
 
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
+#include "common/codec/pose_memory.h"
 
 namespace eigencast {
 namespace {
@@ -32,7 +34,7 @@ bool all_in_range(std::span<const std::int32_t> values) {
 
 /// Holds values at the frame's step, to reuse the memory.
 struct RescaledValues {
-  std::vector<std::int32_t> c1, c2;
+  std::vector<std::int32_t> c1, c2, e, e1;
 };
 
 /// The band's values of a key of the state at `step`; empty where the key lacks the band or rescaling overflows.
@@ -52,13 +54,34 @@ std::span<const std::int32_t> reference(const CoefficientLayout& layout, const K
   return rescaled;
 }
 
-/// Valid until the state or the memory changes.
+/// Valid until the state or the values change.
 band::References references(const CoefficientLayout& layout, const ChainState& state, std::size_t band,
-                            std::uint8_t step, RescaledValues& memory) {
+                            std::uint8_t step, RescaledValues& values) {
   band::References out;
-  out.c1 = reference(layout, state.newer, band, step, memory.c1);
-  if (!out.c1.empty()) out.c2 = reference(layout, state.older, band, step, memory.c2);
+  out.c1 = reference(layout, state.newer, band, step, values.c1);
+  if (!out.c1.empty()) out.c2 = reference(layout, state.older, band, step, values.c2);
   return out;
+}
+
+/// Where a key is in a memory.
+struct Recollection {
+  const PoseMemory* memory;
+  std::uint32_t phase;
+};
+
+/// Adds the memory's values of a band that is predicted at all; false if one leaves the range. REQUIRES: the memory has
+/// both phases.
+bool recall(const CoefficientLayout& layout, const ChainState& state, const Recollection& at, std::size_t band,
+            std::uint8_t step, band::References& from, RescaledValues& values) {
+  if (from.c1.empty()) return true;
+  const auto [first, last] = layout.range(band);
+  const auto recalled = [&, first = first, last = last](std::uint32_t phase, std::vector<std::int32_t>& out,
+                                                        std::span<const std::int32_t>& where) {
+    out.resize(last - first);
+    where = out;
+    return at.memory->recall(phase, step, first, out);
+  };
+  return recalled(at.phase, values.e, from.e) && (!state.phase || recalled(*state.phase, values.e1, from.e1));
 }
 
 Result<void> append_floats(const CoefficientLayout& layout, std::size_t band, const Key& key, Bytes& out) {
@@ -137,19 +160,19 @@ Result<void> read_last_run(const CoefficientLayout& layout, std::size_t band, co
 constexpr unsigned kSameStep = 3;  ///< Codec number of quantised payloads at the step of the newer key.
 
 struct Head {
-  std::uint8_t half_spacing = 0;     ///< Keys and residuals only.
-  std::optional<std::uint8_t> step;  ///< Absent (keys and residuals): that of the state's newer key.
-  std::uint8_t older_step = 0;       ///< Joins only.
-  BandMask older_bands;              ///< Joins only.
+  std::uint8_t half_spacing = 0;         ///< Keys and residuals only.
+  std::optional<std::uint8_t> step;      ///< Absent (keys and residuals): that of the state's newer key.
+  std::uint8_t older_step = 0;           ///< Joins only.
+  BandMask older_bands;                  ///< Joins only.
+  std::optional<std::uint64_t> phase{};  ///< With the memory's flag; in keys as the difference from the state's.
 };
 
 void append_head(const CoefficientLayout& layout, bool join, const Head& head, ByteWriter& writer) {
   const unsigned codec = head.step ? static_cast<unsigned>(layout.codec) : kSameStep;
   writer.u8(static_cast<std::uint8_t>(codec | unsigned{head.half_spacing} << 2));
   if (head.step) writer.u8(*head.step);
-  if (!join) return;
-  writer.u8(head.older_step);
-  writer.u8(head.older_bands.bits);
+  if (join) writer.u8(head.older_step), writer.u8(head.older_bands.bits);
+  if (head.phase) writer.varint(*head.phase);
 }
 
 Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing) {
@@ -159,13 +182,13 @@ Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::u
 }
 
 void append_key_head(const CoefficientLayout& layout, const Key& newer, const Key& key, std::uint8_t half_spacing,
-                     ByteWriter& writer) {
+                     ByteWriter& writer, std::optional<std::uint64_t> phase = {}) {
   const std::uint8_t m = layout.is_float() ? std::uint8_t{0} : half_spacing;
   const bool same_step = !layout.is_float() && key.step == newer.step;
-  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0}, writer);
+  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, phase}, writer);
 }
 
-Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask bands, ByteReader& reader) {
+Result<Head> read_head(const CoefficientLayout& layout, bool join, bool recalled, BandMask bands, ByteReader& reader) {
   if (bands.empty() || !layout.all_bands().includes(bands))
     return corrupt_payload("bands that the stream does not have");
   Head head;
@@ -178,6 +201,7 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask band
     head.older_step = reader.u8();
     head.older_bands = reader.u8();
   }
+  if (recalled) head.phase = reader.varint();
   if (reader.failed()) return corrupt_payload("it ends within its head");
   if (codec != static_cast<unsigned>(layout.codec) && !same_step) {
     return corrupt_payload("codec " + std::to_string(codec) + " where the stream has " +
@@ -185,6 +209,8 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask band
   }
   if (layout.is_float() && (*head.step != 0 || head.older_step != 0))
     return corrupt_payload("a float codec has no step");
+  if (recalled && (layout.is_float() || (!join && head.half_spacing == 0)))
+    return corrupt_payload("it is exact and cannot come from a memory");
   if (head.half_spacing != 0 && (join || layout.is_float()))
     return corrupt_payload("it is exact and cannot have a spacing");
   if (!bands.includes(head.older_bands)) return corrupt_payload("the older key has bands that the newer lacks");
@@ -220,27 +246,47 @@ Result<void> append_sections(const CoefficientLayout& layout, BandMask bands, By
   return {};
 }
 
+/// encode_key, and with `at` encode_recalled_key.
+Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Recollection* at,
+                            const Key& key, std::uint8_t half_spacing) {
+  if (const auto checked = check_coded(layout, key, half_spacing); !checked) return checked.error();
+  CodedKey out{{}, key};
+  ByteWriter writer(out.payload);
+  std::optional<std::uint64_t> code;
+  if (at != nullptr) code = zigzag(std::int64_t{at->phase} - state.phase.value_or(0)), out.phase = at->phase;
+  append_key_head(layout, state.newer, key, half_spacing, writer, code);
+  Bytes memory;
+  RescaledValues rescaled;
+  const auto appended =
+      append_sections(layout, key.bands, memory, writer, [&](std::size_t band, Bytes& run) -> Result<void> {
+        auto from = references(layout, state, band, key.step, rescaled);
+        if (at != nullptr && !recall(layout, state, *at, band, key.step, from, rescaled))
+          return fail(ErrorCode::kTooLarge, "codec: the memory leaves +-2^30 at the key's step");
+        return append_run(layout, band, from, half_spacing, out.key, run);
+      });
+  if (!appended) return appended.error();
+  return out;
+}
+
 }  // namespace
 
-ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us) {
+ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us, std::optional<std::uint32_t> phase) {
   if (!state) return {key, key, 0};
-  return {std::move(state->newer), std::move(key), age_us};
+  return {std::move(state->newer), std::move(key), age_us, phase};
 }
 
 Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                             std::uint8_t half_spacing) {
-  if (const auto checked = check_coded(layout, key, half_spacing); !checked) return checked.error();
-  CodedKey out{{}, key};
-  ByteWriter writer(out.payload);
-  append_key_head(layout, state.newer, key, half_spacing, writer);
-  Bytes memory;
-  RescaledValues rescaled;
-  const auto appended = append_sections(layout, key.bands, memory, writer, [&](std::size_t band, Bytes& run) {
-    const auto from = references(layout, state, band, key.step, rescaled);
-    return append_run(layout, band, from, half_spacing, out.key, run);
-  });
-  if (!appended) return appended.error();
-  return out;
+  return encode_key(layout, state, nullptr, key, half_spacing);
+}
+
+Result<CodedKey> encode_recalled_key(const CoefficientLayout& layout, const ChainState& state, const PoseMemory& memory,
+                                     std::uint32_t phase, const Key& key, std::uint8_t half_spacing) {
+  if (layout.is_float() || half_spacing == 0) return codec_misuse("what is exact cannot come from a memory");
+  if (memory.layout() != layout || !memory.has(phase) || (state.phase && !memory.has(*state.phase)))
+    return codec_misuse("the memory has no such phase");
+  const Recollection at{&memory, phase};
+  return encode_key(layout, state, &at, key, half_spacing);
 }
 
 Result<CodedResidual> encode_residual(const CoefficientLayout& layout, const Key& base, Key pose,
@@ -294,16 +340,40 @@ std::uint8_t half_spacing_of(ByteView payload) {
 
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload) {
   ByteReader reader(payload);
-  const auto head = read_head(layout, false, bands, reader);
+  const auto head = read_head(layout, false, false, bands, reader);
   if (!head) return head.error();
   Key key = empty_key(layout, bands, head->step.value_or(state.newer.step));
-  RescaledValues memory;
+  RescaledValues values;
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) {
-    const auto from = references(layout, state, band, key.step, memory);
+    const auto from = references(layout, state, band, key.step, values);
     return read_last_run(layout, band, from, head->half_spacing, section, key);
   });
   if (!read) return read.error();
   return key;
+}
+
+// Apart from decode_key, so that programs that have no memory, such as the web's, do not hold its code.
+Result<RecalledKey> decode_recalled_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state,
+                                        const PoseMemory& memory, ByteView payload) {
+  assert(memory.layout() == layout);
+  ByteReader reader(payload);
+  const auto head = read_head(layout, false, true, bands, reader);
+  if (!head) return head.error();
+  const std::int64_t way = unzigzag(*head->phase), before = state.phase.value_or(0);
+  if (way < -before || way > UINT32_MAX || !memory.has(static_cast<std::uint64_t>(before + way)) ||
+      (state.phase && !memory.has(*state.phase)))
+    return corrupt_payload("a phase that the memory does not have");
+  RecalledKey out{empty_key(layout, bands, head->step.value_or(state.newer.step)),
+                  static_cast<std::uint32_t>(before + way)};
+  RescaledValues values;
+  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
+    auto from = references(layout, state, band, out.key.step, values);
+    if (!recall(layout, state, {&memory, out.phase}, band, out.key.step, from, values))
+      return corrupt_payload("its memory leaves +-2^30");
+    return read_last_run(layout, band, from, head->half_spacing, section, out.key);
+  });
+  if (!read) return read.error();
+  return out;
 }
 
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state) {
@@ -315,7 +385,7 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   Bytes out;
   ByteWriter writer(out);
   std::vector<std::int32_t> rescaled;
-  append_head(layout, true, {0, state.newer.step, state.older.step, older_bands}, writer);
+  append_head(layout, true, {0, state.newer.step, state.older.step, older_bands, state.phase}, writer);
   Bytes memory;
   const auto appended = append_sections(layout, state.newer.bands, memory, writer, [&](std::size_t band, Bytes& run) {
     band::References from;
@@ -329,11 +399,13 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   return out;
 }
 
-Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload) {
+Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload, bool recalled) {
   ByteReader reader(payload);
-  const auto head = read_head(layout, true, bands, reader);
+  const auto head = read_head(layout, true, recalled, bands, reader);
   if (!head) return head.error();
   ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, *head->step), 0};
+  if (head->phase.value_or(0) > UINT32_MAX) return corrupt_payload("a phase that no memory has");
+  if (recalled) state.phase = static_cast<std::uint32_t>(*head->phase);
   std::vector<std::int32_t> rescaled;
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     band::References from;
@@ -349,9 +421,10 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, 
   return state;
 }
 
-Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask bands, BandMask keep, ByteView payload) {
+Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask bands, BandMask keep, ByteView payload,
+                        bool recalled) {
   ByteReader reader(payload);
-  auto head = read_head(layout, join, bands, reader);
+  auto head = read_head(layout, join, recalled, bands, reader);
   if (!head) return head.error();
   if ((bands & keep).empty()) return codec_misuse("no band would be left");
   head->older_bands &= keep;

@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <vector>
 
 #include "common/codec/coarse_model.h"
@@ -59,6 +60,13 @@ inline void put_predictor(RangeEncoder& out, const Predictor& predict) {
   put_bits(out, predict.speed, 4);
   out.put_even(predict.restoring != kUsualRestoring);
   if (predict.restoring != kUsualRestoring) put_bits(out, predict.restoring, 4);
+}
+
+inline void put_recalling(RangeEncoder& out, const RecallingPredictor& recall) {
+  out.put_even(recall.hold != 0);
+  if (recall.hold != 0) put_bits(out, recall.hold - 1, 2);
+  out.put_even(recall.speed != kUsualSpeed);
+  if (recall.speed != kUsualSpeed) put_bits(out, recall.speed, 4);
 }
 
 inline void put_level(RangeEncoder& out, std::int64_t level, const LevelOdds& odds) {
@@ -128,7 +136,10 @@ struct Moments {
   }
 };
 
-Moments<double> moments_of(std::span<const std::int32_t> values, const Motion& motion) {
+/// Of `values` beyond `start`, of the movement c1 - c2, and of `other` beyond `origin`, which may be empty.
+Moments<double> moments_of(std::span<const std::int32_t> values, std::span<const std::int32_t> start,
+                           const References& keys, std::span<const std::int32_t> other,
+                           std::span<const std::int32_t> origin) {
   using Two = double __attribute__((vector_size(16)));
   const auto two = [](std::span<const std::int32_t> from, std::size_t i) {
     return Two{static_cast<double>(from[i]), static_cast<double>(from[i + 1])};
@@ -136,29 +147,33 @@ Moments<double> moments_of(std::span<const std::int32_t> values, const Motion& m
   Moments<Two> pairs;
   const std::size_t whole = values.size() & ~std::size_t{1};
   for (std::size_t i = 0; i < whole; i += 2) {
-    const Two c = two(motion.c1, i);
-    pairs.add(two(values, i) - c, c - two(motion.c2, i), c);
+    const Two c = origin.empty() ? two(other, i) : two(other, i) - two(origin, i);
+    pairs.add(two(values, i) - two(start, i), two(keys.c1, i) - two(keys.c2, i), c);
   }
   const auto sum = [](Two of) { return of[0] + of[1]; };
   Moments<double> all{sum(pairs.vv), sum(pairs.vd), sum(pairs.vc), sum(pairs.dd), sum(pairs.dc), sum(pairs.cc)};
   if (whole < values.size()) {
-    const double c = motion.c1[whole];
-    all.add(values[whole] - c, c - motion.c2[whole], c);
+    const double c1 = keys.c1[whole], s = start[whole], c = other[whole] - (origin.empty() ? 0.0 : origin[whole]);
+    all.add(values[whole] - s, c1 - keys.c2[whole], c);
   }
   return all;
 }
 
+/// The weight on the grid of 16 that is next below.
+unsigned on_grid(double weight, int unit, int zero) {
+  return static_cast<unsigned>(std::clamp(std::floor(weight * unit) + zero, 0.0, 15.0));
+}
+
+template <typename Weights>
+struct Choice {
+  Weights predictor;
+  double energy;  ///< Of the residuals.
+};
+
 /// The weights of least residual energy, by least squares, then on their grid; a restoring one only where it pays.
-Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
-  const Moments<double> of = moments_of(values, motion);
-  const auto on_grid = [](double weight, int unit, int zero) {
-    return static_cast<unsigned>(std::clamp(std::floor(weight * unit) + zero, 0.0, 15.0));
-  };
-  struct Choice {
-    Predictor predictor;
-    double energy;
-  };
-  const auto consider = [&](Choice& best, unsigned speed, unsigned restoring) {
+Choice<Predictor> best_predictor(std::span<const std::int32_t> values, const References& keys) {
+  const Moments<double> of = moments_of(values, keys.c1, keys, keys.c1, {});
+  const auto consider = [&](Choice<Predictor>& best, unsigned speed, unsigned restoring) {
     const double w = (static_cast<double>(speed) - 4) / 8;
     const double a = (static_cast<double>(restoring) - kUsualRestoring) / 16;
     const double energy = of.vv + w * w * of.dd + 2 * w * a * of.dc + a * a * of.cc - 2 * w * of.vd - 2 * a * of.vc;
@@ -169,13 +184,37 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
   const unsigned speed = on_grid(determinant > 0 ? (of.vd * of.cc - of.vc * of.dc) / determinant : 0, 8, 4);
   const unsigned restoring =
       on_grid(determinant > 0 ? (of.vc * of.dd - of.vd * of.dc) / determinant : 0, 16, kUsualRestoring);
-  Choice usual{{}, of.vv}, best = usual;
+  Choice<Predictor> usual{{}, of.vv}, best = usual;
   for (const unsigned one : {0u, 1u}) {
     consider(usual, std::min(alone + one, 15u), kUsualRestoring);
     for (const unsigned other : {0u, 1u}) consider(best, std::min(speed + one, 15u), std::min(restoring + other, 15u));
   }
   const auto count = static_cast<double>(values.size());
-  return best.energy * (count + kRestoringCost) < usual.energy * count ? best.predictor : usual.predictor;
+  return best.energy * (count + kRestoringCost) < usual.energy * count ? best : usual;
+}
+
+/// What quantising leaves of a value is at least so much energy, in squared half spacings.
+constexpr double kLeastEnergy = 0.5;
+
+/// The same with a memory: weights other than 0 only where they pay.
+Choice<RecallingPredictor> best_recalling(std::span<const std::int32_t> values, const References& from, unsigned half) {
+  const Moments<double> of = moments_of(values, from.e, from, from.c1, from.e1);
+  const auto count = static_cast<double>(values.size());
+  const double least = kLeastEnergy * half * half * count;
+  Choice<RecallingPredictor> best{{}, of.vv};
+  double best_cost = (of.vv + least) * count;
+  const auto consider = [&](unsigned hold, unsigned speed) {
+    const double q = hold * 0.25, w = (static_cast<double>(speed) - kUsualSpeed) / 8;
+    const double energy = of.vv + w * w * of.dd + 2 * w * q * of.dc + q * q * of.cc - 2 * w * of.vd - 2 * q * of.vc;
+    const int bits = (hold == 0 ? 0 : 2) + (speed == kUsualSpeed ? 0 : 4);
+    const double cost = (energy + least) * (count + 2 * std::numbers::ln2 * bits);
+    if (cost < best_cost) best = {{hold, speed}, energy}, best_cost = cost;
+  };
+  for (unsigned hold = 0; hold <= 4; ++hold) {
+    const unsigned speed = on_grid(of.dd > 0 ? (of.vd - hold * 0.25 * of.dc) / of.dd : 0, 8, 4);
+    for (const unsigned s : {kUsualSpeed, speed, std::min(speed + 1, 15u)}) consider(hold, s);
+  }
+  return best;
 }
 
 using Four = std::int32_t __attribute__((vector_size(16)));
@@ -327,18 +366,28 @@ void put_nearest_levels(RangeEncoder out, std::span<const std::int32_t> values, 
 
 }  // namespace
 
-bool append_coarse(std::span<const std::int32_t> values, const References& from, const Spacing& spacing, Bytes& out,
+bool append_coarse(std::span<const std::int32_t> values, const References& keys, const Spacing& spacing, Bytes& out,
                    std::span<std::int32_t> decoded) {
-  assert(spacing.half >= 1 && spacing.half <= kMaxHalfSpacing && from.c1.size() == values.size());
-  const Motion motion(from);
-  const Predictor predict = best_predictor(values, motion);
+  assert(spacing.half >= 1 && spacing.half <= kMaxHalfSpacing && keys.c1.size() == values.size());
+  const References from = completed(keys);
+  Motion motion(from);
+  Predictor predict;
+  RecallingPredictor recall;
+  if (from.e.empty()) {
+    predict = best_predictor(values, from).predictor;
+  } else {
+    recall = best_recalling(values, from, spacing.half).predictor;
+  }
+  const Prediction predicted = from.e.empty() ? Prediction(from, predict) : Prediction(from, recall);
   const auto residuals = std::make_unique_for_overwrite<std::int64_t[]>(values.size());
   std::uint64_t sum = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    residuals[i] = values[i] - predict(motion.c1[i], motion.c2[i]);
+    residuals[i] = values[i] - predicted(i);
     sum += static_cast<std::uint64_t>(residuals[i] < 0 ? -residuals[i] : residuals[i]);
   }
   const unsigned scale = scale_code_of(sum, values.size(), spacing.half);
+  const unsigned expected = motion.expected_scale(spacing.half);
+  if (!from.e.empty()) motion.temper(expected, scale);
   const ContextModel first(motion.speeds, spacing, scale);
   const auto contexts = std::make_unique_for_overwrite<std::uint8_t[]>(values.size());
   ContextModel model = first;
@@ -353,10 +402,18 @@ bool append_coarse(std::span<const std::int32_t> values, const References& from,
     return false;
 
   RangeEncoder encoder(out);
-  put_scale(encoder, scale, motion.expected_scale(spacing.half));
-  put_predictor(encoder, predict);
+  put_scale(encoder, scale, from.e.empty() ? expected : std::min(expected, kRecalledScale));
+  from.e.empty() ? put_predictor(encoder, predict) : put_recalling(encoder, recall);
   put_levels(encoder, {decisions.get(), values.size()});
   return true;
+}
+
+double estimated_bits(std::span<const std::int32_t> values, const References& keys, const Spacing& spacing) {
+  const References from = completed(keys);
+  const double energy =
+      from.e.empty() ? best_predictor(values, from).energy : best_recalling(values, from, spacing.half).energy;
+  const auto count = static_cast<double>(values.size());
+  return count / 2 * std::log2(std::max(energy, 0.0) / count + kLeastEnergy * spacing.half * spacing.half);
 }
 
 bool append_nearest(std::span<const std::int32_t> values, std::span<const std::int32_t> from, const Spacing& spacing,

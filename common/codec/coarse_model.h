@@ -34,12 +34,54 @@ inline constexpr unsigned kUsualRestoring = 12;
 struct Predictor {
   unsigned speed = 4;                    ///< Weight of c1 - c2, (speed - 4) / 8; 0..15.
   unsigned restoring = kUsualRestoring;  ///< Weight of c1, (restoring - 12) / 16; 0..15.
-
-  std::int64_t operator()(std::int64_t c1, std::int64_t c2) const {
-    const std::int64_t v = 2 * (std::int64_t{speed} - 4) * (c1 - c2) + (std::int64_t{restoring} - kUsualRestoring) * c1;
-    return c1 + ((v + 8) >> 4);
-  }
 };
+
+inline constexpr unsigned kUsualSpeed = 4;
+/// Prediction from a memory: its pose, a share of what the latest key had beside the memory's, and of its movement.
+/// Its weights stand where S and R do in other coarse runs: is hold not 0? (even), then 2 bits, hold - 1; is speed not
+/// 4? (even), then 4 bits. The scale code expected is at most 5; where it is x above E without that limit, the contexts
+/// take |d| / 2^floor(x / 2), rounded down.
+struct RecallingPredictor {
+  unsigned hold = 0;             ///< Weight of c1 - e1, hold / 4; 0..4.
+  unsigned speed = kUsualSpeed;  ///< Weight of c1 - c2, (speed - 4) / 8; 0..15.
+};
+
+/// What a run's values are predicted to be, rounded to nearest.
+class Prediction {
+ public:
+  /// REQUIRES: all spans of `from` but e and e1 are there, and these where a memory predicts; they outlive this.
+  Prediction(const References& from, const Predictor& with) : Prediction(from, from.c1, from.c1, with.speed) {
+    of_c1_ += std::int64_t{with.restoring} - kUsualRestoring;
+  }
+  Prediction(const References& from, const RecallingPredictor& with) : Prediction(from, from.e, from.e1, with.speed) {
+    of_c1_ += 4 * std::int64_t{with.hold};
+    of_other_ = -4 * std::int64_t{with.hold};
+  }
+
+  std::int64_t operator()(std::size_t i) const {
+    return start_[i] + ((of_c1_ * c1_[i] + of_c2_ * c2_[i] + of_other_ * other_[i] + 8) >> 4);
+  }
+
+ private:
+  Prediction(const References& from, std::span<const std::int32_t> start, std::span<const std::int32_t> other,
+             unsigned speed)
+      : start_(start.data()),
+        c1_(from.c1.data()),
+        c2_(from.c2.data()),
+        other_(other.data()),
+        of_c1_(2 * (std::int64_t{speed} - kUsualSpeed)),
+        of_c2_(-of_c1_) {}
+
+  const std::int32_t *start_, *c1_, *c2_, *other_;
+  std::int64_t of_c1_, of_c2_, of_other_ = 0;  ///< In sixteenths.
+};
+
+/// Keys at rest, and a memory that was not used before, stand for themselves.
+inline References completed(References from) {
+  if (from.c2.empty()) from.c2 = from.c1;
+  if (from.e1.empty()) from.e1 = from.e;
+  return from;
+}
 
 inline constexpr unsigned kMaxScaleCode = 30;
 inline constexpr unsigned kMaxUnary = 24;   ///< Levels from here on are escaped.
@@ -59,6 +101,8 @@ struct LevelOdds {
         later(context + kLowestOffset - 18) {}
 };
 
+/// The scale code expected of what a memory predicts is at most this.
+inline constexpr unsigned kRecalledScale = 5;
 /// That a scale code differs from the expected one, and that it differs by yet another.
 inline constexpr std::uint32_t kScaleDiffers = 26000, kScaleFurther = 19000;
 
@@ -125,6 +169,11 @@ struct Motion {
     }
   }
   unsigned expected_scale(unsigned half_spacing) const { return scale_code_of(speed_sum, speeds.size(), half_spacing); }
+  /// Where a memory predicts better than speeds do, these count for less.
+  void temper(unsigned expected, unsigned scale_code) {
+    if (expected <= scale_code + 1) return;
+    for (std::uint32_t& speed : speeds) speed >>= (expected - scale_code) / 2;
+  }
 
   std::span<const std::int32_t> c1, c2;
   std::vector<std::uint32_t> speeds;

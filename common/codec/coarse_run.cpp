@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include <algorithm>
 #include <string>
 
 #include "common/codec/coarse_model.h"
@@ -65,19 +66,31 @@ std::int64_t read_level(RangeDecoder& in, const LevelOdds& odds) {
   return level < kMaxUnary ? level : level + read_escape(in);
 }
 
+RecallingPredictor read_recalling(RangeDecoder& in) {
+  RecallingPredictor recall;
+  if (in.get_even()) recall.hold = 1 + read_bits(in, 2);
+  if (in.get_even()) recall.speed = read_bits(in, 4);
+  return recall;
+}
+
 }  // namespace
 
 constexpr std::array<std::uint16_t, kContexts + kLowestOffset> kMore = more_table();
 
-Result<std::size_t> read_coarse(ByteView in, const References& from, const Spacing& spacing,
+Result<std::size_t> read_coarse(ByteView in, const References& keys, const Spacing& spacing,
                                 std::span<std::int32_t> values) {
   if (spacing.half == 0) return corrupt("a coarse run in a frame that has no spacing");
-  if (from.c1.empty()) return corrupt("a coarse run needs a key that the receiver lacks");
-  const Motion motion(from);
+  if (keys.c1.empty()) return corrupt("a coarse run needs a key that the receiver lacks");
+  const References from = completed(keys);
+  const bool recalls = !from.e.empty();
+  Motion motion(from);
   RangeDecoder decoder(in);
-  const int scale = read_scale(decoder, motion.expected_scale(spacing.half));
+  const unsigned expected = motion.expected_scale(spacing.half);
+  const int scale = read_scale(decoder, recalls ? std::min(expected, kRecalledScale) : expected);
   if (scale < 0 || scale > static_cast<int>(kMaxScaleCode)) return corrupt("its scale is out of range");
-  const Predictor predict = read_predictor(decoder);
+  const Prediction predicted =
+      recalls ? Prediction(from, read_recalling(decoder)) : Prediction(from, read_predictor(decoder));
+  if (recalls) motion.temper(expected, static_cast<unsigned>(scale));
   ContextModel contexts(motion.speeds, spacing, static_cast<unsigned>(scale));
   unsigned state = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -85,7 +98,7 @@ Result<std::size_t> read_coarse(ByteView in, const References& from, const Spaci
     const std::int64_t level = read_level(decoder, LevelOdds(rule, contexts.next()));
     const std::int64_t residual = point(rule, level) * spacing.half;
     const bool negative = level > 0 && decoder.get_even();
-    const std::int64_t value = predict(motion.c1[i], motion.c2[i]) + (negative ? -residual : residual);
+    const std::int64_t value = predicted(i) + (negative ? -residual : residual);
     if (!fixed::in_range(value)) return corrupt("a value leaves +-2^30");
     values[i] = static_cast<std::int32_t>(value);
     contexts.add(residual);

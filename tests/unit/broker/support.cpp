@@ -149,7 +149,7 @@ void FakeReceiver::show(const Envelope& head, const Key& key) {
 
 Result<Key> FakeReceiver::made(const Envelope& head) const {
   const auto [at, of] = head.step;
-  const auto& [older, newer, age_us] = *state_;
+  const auto& [older, newer, age_us, phase] = *state_;
   const control::StreamInfo info = infos.empty() ? control::StreamInfo{} : infos.back();
   const Profile::Scheme scheme = info.profile.scheme;
   const StreamFormat& format = info.format;

@@ -93,7 +93,7 @@ class Stream {
   void key(const Key& key, std::uint8_t half_spacing, std::uint8_t keep = 255,
            std::optional<InterpolationStep> ahead = {}) {
     ++sequence_;
-    auto [payload, coded] = encode_key(layout_, *sender_, key, half_spacing).value();
+    auto [payload, coded, phase] = encode_key(layout_, *sender_, key, half_spacing).value();
     const BandMask bands = key.bands & keep;
     if (bands != key.bands) payload = cut_bands(layout_, false, key.bands, keep, payload).value();
     const auto decoded = decode_key(layout_, bands, *receiver_, payload);
@@ -153,7 +153,7 @@ class Stream {
   }
 
   Key made(std::uint8_t at, std::uint8_t of) const {
-    const auto& [older, newer, age_us] = *receiver_;
+    const auto& [older, newer, age_us, phase] = *receiver_;
     return hermite_keys(layout_, velocities_, older, newer, age_us, at, of).value();
   }
 
