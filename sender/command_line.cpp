@@ -164,6 +164,19 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
       ->delimiter(',')
       ->capture_default_str();
   bounded(*evaluate, "--rate", command.rate_hz, "poses a second, for kbit/s", 0.1, 1000.0)->capture_default_str();
+  CLI::Option* again =
+      evaluate->add_flag("--again", command.again, "code the clip again, with a memory of its first pass");
+  bounded(*evaluate, "--warp", command.again_options.warp, "speed of the passes after the first", 0.1, 10.0)
+      ->capture_default_str()
+      ->needs(again);
+  bounded(*evaluate, "--noise", command.again_options.noise,
+          "by how much their poses differ: rms over the surface, anew at each pose, of the diagonal", 0.0, 1.0)
+      ->capture_default_str()
+      ->needs(again);
+  bounded(*evaluate, "--passes", command.again_options.passes, "how often the clip is played, the first time counted",
+          2u, 10'000u)
+      ->capture_default_str()
+      ->needs(again);
   evaluate->add_option("--json", command.json, "write a report")->check(output_path(check_output_file));
 }
 

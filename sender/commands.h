@@ -8,6 +8,7 @@
 #include "common/codec/key.h"
 #include "common/net/url.h"
 #include "sender/console.h"
+#include "sender/evaluate.h"
 #include "sender/source.h"
 
 namespace eigencast {
@@ -87,6 +88,8 @@ struct EvaluateCommand {
   std::vector<double> errors;  ///< Model units.
   std::vector<double> steps;   ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.
   double rate_hz = 30;         ///< For kbit/s.
+  bool again = false;          ///< With these:
+  AgainOptions again_options;
   std::string json;
 };
 

@@ -2,15 +2,20 @@
 #include "sender/evaluate.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <optional>
+#include <random>
 
 #include "common/codec/chain.h"
+#include "common/codec/pose_memory.h"
+#include "common/codec/recaller.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/checks/jumps.h"
 #include "common/surface/vector.h"
 #include "common/wire/envelope.h"
+#include "sender/clip_coefficients.h"
 #include "sender/order_check.h"
 
 namespace eigencast {
@@ -18,6 +23,8 @@ namespace {
 
 constexpr TimeUs kKeyInterval = 33'333;
 constexpr std::size_t kStillPoses = 60;  // two seconds
+constexpr double kCoarsest = 8;
+constexpr int kBisections = 8;
 
 /// With the envelope of an even stream, and WebSocket's header from server to client.
 std::size_t wire_bytes(std::size_t payload) {
@@ -34,38 +41,174 @@ auto timed(Histogram& ns, Act&& act) {
   return result;
 }
 
-/// Returns the payload's bytes; 0 for the first key, which joins. The newer key of the state is then what was decoded.
-Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
-                             std::optional<ChainState>& state, Evaluation& result) {
-  if (!state) {
-    state = advanced(std::nullopt, key, 0);
-    return std::size_t{0};
+/// Codes and decodes keys one after the other.
+class KeyCoder {
+ public:
+  KeyCoder(const Asset& asset, const CoefficientLayout& layout, const Quantiser& quantiser,
+           std::optional<ChainState> state = {}, const PoseMemory* memory = nullptr)
+      : asset_(asset), layout_(layout), quantiser_(quantiser), state_(std::move(state)) {
+    if (memory != nullptr) recaller_.emplace(*memory);
   }
-  auto coded = timed(result.encode_ns, [&] { return encode_key(layout, *state, key, half_spacing); });
-  if (!coded) return coded.error();
-  const auto decoded =
-      timed(result.decode_ns, [&] { return decode_key(layout, layout.all_bands(), *state, coded->payload); });
-  if (!decoded) return decoded.error();
-  if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
-  state = advanced(std::move(state), std::move(coded->key), kKeyInterval);
-  return coded->payload.size();
-}
 
-Result<StillPose> still_pose(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
-                             std::optional<ChainState> state, const Asset& asset) {
-  Evaluation uncounted;
-  StillPose still;
-  std::vector<double> before = coefficients_from_key(layout, state->newer);
-  for (std::size_t pose = 1; pose <= kStillPoses; ++pose) {
-    const auto coded = code_key(layout, key, half_spacing, state, uncounted);
+  /// The newer key of the state is then what was decoded.
+  Result<void> code(std::span<const double> C) {
+    const auto key = key_from_coefficients(layout_, C, quantiser_.step);
+    if (!key) return key.error();
+    if (auto coded = code(*key); !coded) return coded;
+    squares_ += std::pow(surface_distance(C, received(), asset_.area), 2);
+    keys_.quantising_rms = std::sqrt(squares_ / static_cast<double>(++measured_));
+    return {};
+  }
+  Result<void> code(const Key& key) {
+    if (!state_) {
+      state_ = advanced(std::nullopt, key, 0);
+      return {};
+    }
+    auto coded = timed(keys_.encode_ns, [&] {
+      return recaller_ ? recaller_->encode(*state_, key, quantiser_.half_spacing)
+                       : encode_key(layout_, *state_, key, quantiser_.half_spacing);
+    });
     if (!coded) return coded.error();
-    std::vector<double> now = coefficients_from_key(layout, state->newer);
+    const auto decoded = timed(keys_.decode_ns, [&]() -> Result<Key> {
+      if (!coded->phase) return decode_key(layout_, layout_.all_bands(), *state_, coded->payload);
+      auto recalled = decode_recalled_key(layout_, layout_.all_bands(), *state_, recaller_->memory(), coded->payload);
+      if (!recalled) return recalled.error();
+      return std::move(recalled->key);
+    });
+    if (!decoded) return decoded.error();
+    if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
+    state_ = advanced(std::move(state_), std::move(coded->key), kKeyInterval, coded->phase);
+    ++keys_.frames;
+    keys_.recalled += coded->phase ? 1 : 0;
+    keys_.payload_bytes += coded->payload.size();
+    keys_.wire_bytes += wire_bytes(coded->payload.size());
+    return {};
+  }
+  const std::optional<ChainState>& state() const { return state_; }
+  std::vector<double> received() const { return coefficients_from_key(layout_, state_->newer); }
+  const CodedKeys& keys() const { return keys_; }
+
+ private:
+  const Asset& asset_;
+  const CoefficientLayout& layout_;
+  Quantiser quantiser_;
+  std::optional<ChainState> state_;
+  std::optional<Recaller> recaller_;
+  CodedKeys keys_;
+  double squares_ = 0;
+  std::uint64_t measured_ = 0;
+};
+
+Result<StillPose> still_pose(KeyCoder coder, const Key& key, const Asset& asset) {
+  StillPose still;
+  std::vector<double> before = coder.received();
+  for (std::size_t pose = 1; pose <= kStillPoses; ++pose) {
+    if (const auto coded = coder.code(key); !coded) return coded.error();
+    std::vector<double> now = coder.received();
     const double moved = surface_distance(before, now, asset.area) / asset.diagonal();
     if (moved > 0) still.settles_after = pose;
     if (2 * pose > kStillPoses) still.moves = std::max(still.moves, moved);
     before = std::move(now);
   }
   return still;
+}
+
+/// The coefficients of a clip that is played at another speed, by a cubic through its poses, a little differently.
+class Performance {
+ public:
+  Performance(const CoefficientStore& clip, std::size_t frames, const Asset& asset, const AgainOptions& options)
+      : clip_(clip),
+        last_(static_cast<double>(frames - 1)),
+        warp_(options.warp),
+        spread_(options.noise * asset.diagonal() * std::sqrt(asset.area / (3.0 * asset.rank))) {}
+
+  /// Nothing when the pass is over.
+  Result<std::optional<std::vector<double>>> next() {
+    const double time = warp_ * static_cast<double>(frame_++);
+    if (time > last_) return std::optional<std::vector<double>>();
+    const auto from = static_cast<std::int64_t>(time), last = static_cast<std::int64_t>(last_);
+    const double t = time - std::floor(time), rest = 1 - t;  // Catmull & Rom
+    const std::array<double, 4> weights{-t * rest * rest / 2, ((3 * t - 5) * t * t + 2) / 2,
+                                        ((4 - 3 * t) * t + 1) * t / 2, -t * t * rest / 2};
+    std::vector<double> C;
+    auto pose = from - 1;
+    for (const double weight : weights) {
+      const auto at = clip_.at(static_cast<std::size_t>(std::clamp<std::int64_t>(pose++, 0, last)));
+      if (!at) return at.error();
+      C.resize(at->size());
+      for (std::size_t i = 0; i < C.size(); ++i) C[i] += weight * (*at)[i];
+    }
+    for (double& c : C) c += spread_ * normal_(random_);
+    return std::optional(std::move(C));
+  }
+  void restart() { frame_ = 0; }
+
+ private:
+  const CoefficientStore& clip_;
+  double last_, warp_, spread_;
+  std::uint64_t frame_ = 0;
+  std::mt19937_64 random_{1};
+  std::normal_distribution<double> normal_;
+};
+
+/// All passes after the first, from the state after it. `first_use`: of the memory, in frames; may be null.
+Result<CodedKeys> code_passes(KeyCoder coder, Performance performance, unsigned passes, std::uint64_t* first_use,
+                              const BakeProgress& progress) {
+  for (unsigned pass = 1; pass < passes; ++pass, performance.restart()) {
+    if (progress && !progress(1, "coding it again")) return fail(ErrorCode::kCancelled, "stopped while evaluating");
+    for (;;) {
+      const auto C = performance.next();
+      if (!C) return C.error();
+      if (!*C) break;
+      if (const auto coded = coder.code(**C); !coded) return coded.error();
+      if (first_use != nullptr && coder.keys().recalled == 0) ++*first_use;
+    }
+  }
+  return coder.keys();
+}
+
+Result<AgainEvaluation> evaluate_again(const AgainOptions& options, const CoefficientStore& clip, std::size_t frames,
+                                       const Asset& asset, const CoefficientLayout& layout, double eps,
+                                       const std::optional<ChainState>& state, const BakeProgress& progress) {
+  const Quantiser quantiser = quantiser_for_error(eps, asset.area, asset.rank);
+  AgainEvaluation result{options, {}, {}, {}, eps, 0, 0, frames};
+  std::vector<Key> remembered;
+  while (remembered.size() < frames && PoseMemory::check_size(layout, remembered.size() + 1)) {
+    const auto C = clip.at(remembered.size());
+    if (!C) return C.error();
+    auto key = key_from_coefficients(layout, *C, quantiser.step);
+    if (!key) return key.error();
+    remembered.push_back(std::move(*key));
+  }
+  const auto segment = encode_segment(layout, {}, remembered, remembered_half_spacing(quantiser.half_spacing));
+  if (!segment) return segment.error();
+  const auto memory = PoseMemory(layout).with(segment->segment);
+  if (!memory) return memory.error();
+  result.poses = memory->pose_count();
+  result.memory_bytes = segment->bytes.size();
+  const Performance performance(clip, frames, asset, options);
+  const auto coded = [&](double eps_of, const PoseMemory* with, std::uint64_t* first_use) {
+    return code_passes({asset, layout, quantiser_for_error(eps_of, asset.area, asset.rank), state, with}, performance,
+                       options.passes, first_use, progress);
+  };
+  auto plain = coded(eps, nullptr, nullptr), recalled = coded(eps, &*memory, &result.first_use);
+  if (!plain || !recalled) return plain ? recalled.error() : plain.error();
+  // What a memory predicts well has less error than asked for: coarser keys are as good.
+  double fine = eps / 2, coarse = kCoarsest * eps;
+  result.equal = *plain;
+  for (int i = 0; i < kBisections; ++i) {
+    const double middle = std::sqrt(fine * coarse);
+    auto tried = coded(middle, &*memory, nullptr);
+    if (!tried) return tried.error();
+    if (tried->quantising_rms > plain->quantising_rms) {
+      coarse = middle;
+    } else {
+      fine = middle;
+      if (tried->wire_bytes < result.equal.wire_bytes) result.equal = std::move(*tried), result.equal_eps = middle;
+    }
+  }
+  result.plain = std::move(*plain), result.recalled = std::move(*recalled);
+  return result;
 }
 
 /// Returns them in the asset's order and space.
@@ -112,12 +255,23 @@ class Sums {
 
 }  // namespace
 
-double Evaluation::payload_kbit_per_s(double rate_hz) const {
+double CodedKeys::payload_kbit_per_s(double rate_hz) const {
   return frames == 0 ? 0 : static_cast<double>(payload_bytes) / static_cast<double>(frames) * 8e-3 * rate_hz;
 }
 
-double Evaluation::wire_kbit_per_s(double rate_hz) const {
+double CodedKeys::wire_kbit_per_s(double rate_hz) const {
   return frames == 0 ? 0 : static_cast<double>(wire_bytes) / static_cast<double>(frames) * 8e-3 * rate_hz;
+}
+
+std::optional<double> AgainEvaluation::payback_s(double rate_hz) const {
+  const double saved = plain.wire_kbit_per_s(rate_hz) - recalled.wire_kbit_per_s(rate_hz);
+  if (saved <= 0) return std::nullopt;
+  return static_cast<double>(memory_bytes) * 8e-3 / saved;
+}
+
+double AgainEvaluation::in_all_kbit_per_s(const CodedKeys& first, double rate_hz) const {
+  const auto frames = static_cast<double>(first.frames + recalled.frames);
+  return static_cast<double>(first.wire_bytes + memory_bytes + recalled.wire_bytes) / frames * 8e-3 * rate_hz;
 }
 
 double eps_from_step(const Asset& asset, double step) {
@@ -131,10 +285,18 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
   const CoefficientLayout layout{options.codec, asset.rank, 3, asset.band_ends};
   const Quantiser quantiser = quantiser_for_error(options.eps, asset.area, asset.rank);
 
+  if (options.again && layout.is_float())
+    return fail(ErrorCode::kInvalidArgument, "a float codec has no memory: --again needs --codec quantised");
+  std::optional<CoefficientStore> store;
+  if (options.again) {
+    auto created = CoefficientStore::create(clip.frame_count(), layout.size());
+    if (!created) return created.error();
+    store = std::move(*created);
+  }
+
   Evaluation result;
   Sums sums(asset, clip, options);
-  std::optional<ChainState> state;
-  double quantising = 0;
+  KeyCoder coder(asset, layout, quantiser);
   JumpFinder jumps(clip.rest());
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
     const double done = static_cast<double>(frame) / static_cast<double>(clip.frame_count());
@@ -145,31 +307,29 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
     const auto C =
         projector->coefficients_from_positions(std::span<const double>(truth->front().data(), 3 * truth->size()));
     if (!C) return in_context("frame " + std::to_string(frame), C.error());
-    const auto key = key_from_coefficients(layout, *C, quantiser.step);
-    if (!key) return key.error();
-    const auto coded = code_key(layout, *key, quantiser.half_spacing, state, result);
-    if (!coded) return coded.error();
-    result.payload_bytes += *coded;
-    if (frame > 0) {
-      ++result.frames;
-      result.wire_bytes += wire_bytes(*coded);
+    if (store) {
+      if (const auto put = store->put(frame, *C); !put) return put.error();
     }
-    const std::vector<double> received = coefficients_from_key(layout, state->newer);
-    const double distance = surface_distance(*C, received, asset.area);
-    quantising += distance * distance;
-    sums.add(*truth, *C, received);
+    if (const auto coded = coder.code(*C); !coded) return coded.error();
+    sums.add(*truth, *C, coder.received());
     if (frame == clip.frame_count() / 2) {
-      const auto still = still_pose(layout, *key, quantiser.half_spacing, state, asset);
+      const auto still = still_pose(coder, key_from_coefficients(layout, *C, quantiser.step).value(), asset);
       if (!still) return still.error();
       result.still = *still;
     }
   }
-  if (state) {
-    const auto join = encode_join(layout, *state);
+  result.keys = coder.keys();
+  if (coder.state()) {
+    const auto join = encode_join(layout, *coder.state());
     if (!join) return join.error();
     result.join_bytes = join->size();
   }
-  result.quantising_rms = std::sqrt(quantising / static_cast<double>(std::max<std::size_t>(clip.frame_count(), 1)));
+  if (store && clip.frame_count() > 0) {
+    auto again =
+        evaluate_again(*options.again, *store, clip.frame_count(), asset, layout, options.eps, coder.state(), progress);
+    if (!again) return again.error();
+    result.again = std::move(*again);
+  }
   sums.state(result);
   if (const auto accepted = accept_order(jumps.order(), options.any_order); !accepted) return accepted.error();
   result.findings = jumps.findings();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,11 +14,19 @@
 
 namespace eigencast {
 
+/// The clip played again, and coded with a memory of its first pass (PoseMemory).
+struct AgainOptions {
+  double warp = 1;      ///< Speed of the passes after the first, > 0.
+  double noise = 0;     ///< Differs at each pose: rms over the surface, of the diagonal.
+  unsigned passes = 2;  ///< Counts the first one; at least 2.
+};
+
 struct EvaluateOptions {
   CodecKind codec = CodecKind::kQuantised;
   double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
-  std::vector<double> levels = {1};  ///< Fractions of the vertices that are drawn.
-  bool any_order = false;            ///< As of SourceOptions.
+  std::vector<double> levels = {1};     ///< Fractions of the vertices that are drawn.
+  bool any_order = false;               ///< As of SourceOptions.
+  std::optional<AgainOptions> again{};  ///< Of quantised keys only.
 };
 
 /// What viewers see of a surface that was moving and now rests, while its pose is sent on.
@@ -27,23 +36,44 @@ struct StillPose {
                                   ///< the diagonal.
 };
 
+/// Keys of a clip, one after the other.
+struct CodedKeys {
+  std::uint64_t frames = 0;         ///< Counts neither the first of a stream, which is a join frame, nor its bytes.
+  std::uint64_t recalled = 0;       ///< Frames that a memory predicts.
+  std::uint64_t payload_bytes = 0;  ///< Without, and
+  std::uint64_t wire_bytes = 0;     ///< with envelopes and WebSocket headers.
+  double quantising_rms = 0;  ///< Area-weighted rms distance of what is received from what was projected, model units.
+  Histogram encode_ns, decode_ns;
+
+  double payload_kbit_per_s(double rate_hz) const;
+  double wire_kbit_per_s(double rate_hz) const;
+};
+
+/// The passes after the first, thrice: as without a memory, with one, and with one at the error of `plain`.
+struct AgainEvaluation {
+  AgainOptions options;
+  CodedKeys plain, recalled, equal;
+  double equal_eps = 0;            ///< Of `equal`, model units.
+  std::uint32_t poses = 0;         ///< That the memory holds.
+  std::uint64_t memory_bytes = 0;  ///< Side information: what every viewer fetches once.
+  std::uint64_t first_use = 0;     ///< Frames from the start of the stream to the first that the memory predicts.
+
+  /// Seconds that the memory takes to save its own bytes; nothing: it never does.
+  std::optional<double> payback_s(double rate_hz) const;
+  /// Of all passes, the first one and the memory's bytes counted.
+  double in_all_kbit_per_s(const CodedKeys& first, double rate_hz) const;
+};
+
 struct Evaluation {
   SurfaceError truncation;           ///< Basis alone.
   SurfaceError total;                ///< Basis and codec: what every receiver at full detail sees.
   std::vector<LevelError> levels;    ///< The same at the levels asked for.
   std::vector<double> rms_by_frame;  ///< Lists that of `total`.
   StillPose still;
-  double quantising_rms = 0;  ///< Area-weighted rms distance of what is received from what was projected, model units.
-  std::uint64_t frames = 0;
-  std::uint64_t payload_bytes = 0;  ///< Counts all keys but the first, which is a join frame.
-  std::uint64_t wire_bytes = 0;     ///< The same with envelopes and WebSocket headers.
-  std::uint64_t join_bytes = 0;     ///< Counts the join frame at the end.
-  Histogram encode_ns, decode_ns;
+  CodedKeys keys;
+  std::uint64_t join_bytes = 0;  ///< Counts the join frame at the end.
+  std::optional<AgainEvaluation> again;
   std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
-
-  /// Payload alone, and with envelope and WebSocket header.
-  double payload_kbit_per_s(double rate_hz) const;
-  double wire_kbit_per_s(double rate_hz) const;
 };
 
 /// The vertex error (model units) that quantising all coefficients of a pose with steps of `step` leaves, where one

@@ -27,28 +27,60 @@ json json_from(const LevelError& level) {
   return value;
 }
 
+double us_p50(const Histogram& ns) {
+  return static_cast<double>(ns.percentile(50)) * 1e-3;
+}
+
+json json_from(const CodedKeys& keys, double diagonal, double rate_hz) {
+  return {{"frames", keys.frames},
+          {"frames_from_memory", keys.recalled},
+          {"quantising_rms_over_diagonal", keys.quantising_rms / diagonal},
+          {"payload_kbit_per_s", keys.payload_kbit_per_s(rate_hz)},
+          {"wire_kbit_per_s", keys.wire_kbit_per_s(rate_hz)},
+          {"encode_us_p50", us_p50(keys.encode_ns)},
+          {"decode_us_p50", us_p50(keys.decode_ns)}};
+}
+
+json json_from(const AgainEvaluation& again, const CodedKeys& first, double diagonal, double rate_hz) {
+  const auto payback_s = again.payback_s(rate_hz);
+  return {{"passes", again.options.passes},
+          {"warp", again.options.warp},
+          {"noise_over_diagonal", again.options.noise},
+          {"without_memory", json_from(again.plain, diagonal, rate_hz)},
+          {"with_memory", json_from(again.recalled, diagonal, rate_hz)},
+          {"with_memory_at_equal_error", json_from(again.equal, diagonal, rate_hz)},
+          {"equal_error_over_diagonal", again.equal_eps / diagonal},
+          {"memory_poses", again.poses},
+          {"memory_bytes", again.memory_bytes},
+          {"first_use_s", static_cast<double>(again.first_use) / rate_hz},
+          {"payback_s", payback_s ? json(*payback_s) : json()},
+          {"in_all_kbit_per_s", again.in_all_kbit_per_s(first, rate_hz)}};
+}
+
 json json_from(const EvaluatedRow& row, double rate_hz) {
   const Evaluation& e = row.evaluation;
   json levels = json::array();
   for (const LevelError& level : e.levels) levels.push_back(json_from(level));
-  return {{"basis", row.basis},
-          {"detail", row.detail},
-          {"rank", row.rank},
-          {"error_over_diagonal", row.eps / row.diagonal},
-          {"frames", e.total.poses},
-          {"truncation", json_from(e.truncation)},
-          {"total", json_from(e.total)},
-          {"levels", levels},
-          {"rms_over_diagonal_by_frame", e.rms_by_frame},
-          {"quantising_rms_over_diagonal", e.quantising_rms / row.diagonal},
-          {"still_settles_after_poses", e.still.settles_after},
-          {"still_moves_over_diagonal", e.still.moves},
-          {"payload_kbit_per_s", e.payload_kbit_per_s(rate_hz)},
-          {"wire_kbit_per_s", e.wire_kbit_per_s(rate_hz)},
-          {"join_bytes", e.join_bytes},
-          {"asset_bytes", row.asset_bytes},
-          {"encode_us_p50", static_cast<double>(e.encode_ns.percentile(50)) * 1e-3},
-          {"decode_us_p50", static_cast<double>(e.decode_ns.percentile(50)) * 1e-3}};
+  json value = {{"basis", row.basis},
+                {"detail", row.detail},
+                {"rank", row.rank},
+                {"error_over_diagonal", row.eps / row.diagonal},
+                {"frames", e.total.poses},
+                {"truncation", json_from(e.truncation)},
+                {"total", json_from(e.total)},
+                {"levels", levels},
+                {"rms_over_diagonal_by_frame", e.rms_by_frame},
+                {"quantising_rms_over_diagonal", e.keys.quantising_rms / row.diagonal},
+                {"still_settles_after_poses", e.still.settles_after},
+                {"still_moves_over_diagonal", e.still.moves},
+                {"payload_kbit_per_s", e.keys.payload_kbit_per_s(rate_hz)},
+                {"wire_kbit_per_s", e.keys.wire_kbit_per_s(rate_hz)},
+                {"join_bytes", e.join_bytes},
+                {"asset_bytes", row.asset_bytes},
+                {"encode_us_p50", us_p50(e.keys.encode_ns)},
+                {"decode_us_p50", us_p50(e.keys.decode_ns)}};
+  if (e.again) value["again"] = json_from(*e.again, e.keys, row.diagonal, rate_hz);
+  return value;
 }
 
 std::string table_line(const EvaluatedRow& row, const LevelError& level, double rate_hz) {
@@ -56,7 +88,7 @@ std::string table_line(const EvaluatedRow& row, const LevelError& level, double 
   return formatted("%-16s %5u %8.2e %5g %8u %7.3f %8.2e %8.2e %8.2e %9.2e %8.2e %8.1f %6.2f\n", row.basis.c_str(),
                    row.rank, row.eps / row.diagonal, level.fraction, level.vertices, level.vertex.kg_percent,
                    level.vertex.rms, level.vertex.mean, level.vertex.max, level.hausdorff, level.edges.combined(),
-                   e.wire_kbit_per_s(rate_hz), static_cast<double>(row.asset_bytes) * 1e-6);
+                   e.keys.wire_kbit_per_s(rate_hz), static_cast<double>(row.asset_bytes) * 1e-6);
 }
 
 std::string notes_on(const EvaluatedRow& row) {
@@ -69,8 +101,25 @@ std::string notes_on(const EvaluatedRow& row) {
       "%s, r = %u, detail %s, error %.2e: basis alone KG %.3f %%, rms %.2e; quantising adds %.2e (area-weighted rms); "
       "%s; join frame %llu bytes; encode %.1f us, decode %.1f us (median)\n",
       row.basis.c_str(), row.rank, row.detail.c_str(), row.eps / row.diagonal, e.truncation.kg_percent,
-      e.truncation.rms, e.quantising_rms / row.diagonal, still.c_str(), static_cast<unsigned long long>(e.join_bytes),
-      static_cast<double>(e.encode_ns.percentile(50)) * 1e-3, static_cast<double>(e.decode_ns.percentile(50)) * 1e-3);
+      e.truncation.rms, e.keys.quantising_rms / row.diagonal, still.c_str(),
+      static_cast<unsigned long long>(e.join_bytes), us_p50(e.keys.encode_ns), us_p50(e.keys.decode_ns));
+}
+
+std::string notes_on_again(const EvaluatedRow& row, double rate_hz) {
+  const AgainEvaluation& a = *row.evaluation.again;
+  const auto pass = [&](const CodedKeys& keys) {
+    return formatted("%.1f kbit/s (%.2e)", keys.wire_kbit_per_s(rate_hz), keys.quantising_rms / row.diagonal);
+  };
+  const auto payback_s = a.payback_s(rate_hz);
+  return formatted(
+      "again at %g of the speed, %.1e noise: %s; with a memory of %u poses %s, at equal error %s; %llu of %llu frames "
+      "come from it, the first after %.1f s; its %.1f kB pay back %s; all %u passes and the memory %.1f kbit/s; encode "
+      "%.1f us, decode %.1f us (median)\n",
+      a.options.warp, a.options.noise, pass(a.plain).c_str(), a.poses, pass(a.recalled).c_str(), pass(a.equal).c_str(),
+      static_cast<unsigned long long>(a.recalled.recalled), static_cast<unsigned long long>(a.recalled.frames),
+      static_cast<double>(a.first_use) / rate_hz, static_cast<double>(a.memory_bytes) * 1e-3,
+      payback_s ? formatted("in %.1f s", *payback_s).c_str() : "never", a.options.passes,
+      a.in_all_kbit_per_s(row.evaluation.keys, rate_hz), us_p50(a.recalled.encode_ns), us_p50(a.recalled.decode_ns));
 }
 
 /// Vertex errors that quantising may add, model units.
@@ -104,7 +153,9 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
   const Asset& asset = source->baked.asset;
   for (const double eps : errors_of(command, asset)) {
     ProgressLine line(console.progress, interrupt);
-    auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, std::ref(line));
+    const auto again = command.again ? std::optional(command.again_options) : std::nullopt;
+    auto evaluation =
+        evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order, again}, std::ref(line));
     line.finish();
     if (!evaluation) return evaluation.error();
     if (rows.empty()) {  // The same frames in all of them.
@@ -131,7 +182,10 @@ std::string table_of(const EvaluatedClip& clip) {
   for (const EvaluatedRow& row : clip.rows) {
     for (const LevelError& level : row.evaluation.levels) text += table_line(row, level, clip.rate_hz);
   }
-  for (const EvaluatedRow& row : clip.rows) text += notes_on(row);
+  for (const EvaluatedRow& row : clip.rows) {
+    text += notes_on(row);
+    if (row.evaluation.again) text += notes_on_again(row, clip.rate_hz);
+  }
   return text;
 }
 

@@ -89,7 +89,7 @@ TEST_F(Compare, EvaluationAddsOnlyQuantisingError) {
   EXPECT_GT(coarse->total.rms, coarse->truncation.rms);
   // Orthogonal errors: total^2 = truncation^2 + quantisation^2, the latter at most eps^2 in the area-weighted mean.
   EXPECT_LT(coarse->total.rms * coarse->total.rms, coarse->truncation.rms * coarse->truncation.rms + 2 * 9e-8);
-  EXPECT_LT(coarse->payload_bytes, exact->payload_bytes / 10);
+  EXPECT_LT(coarse->keys.payload_bytes, exact->keys.payload_bytes / 10);
 }
 
 TEST(CompareRecords, BrokenLineIsCorrupt) {

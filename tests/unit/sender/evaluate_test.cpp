@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "common/codec/pose_memory.h"
 #include "common/surface/shapes/shapes.h"
 #include "tests/support/process.h"
 
@@ -55,8 +56,8 @@ TEST_F(Evaluate, StepFollowsParseval) {
   const double eps = eps_from_step(asset_, step);
   EXPECT_NEAR(eps / asset_.diagonal(), 0.5e-3 * std::sqrt(60), 1e-9);
   const Evaluation evaluation = evaluated({CodecKind::kQuantised, eps, {1}});
-  EXPECT_LE(evaluation.quantising_rms, eps);
-  EXPECT_GT(evaluation.quantising_rms, 0.1 * eps);
+  EXPECT_LE(evaluation.keys.quantising_rms, eps);
+  EXPECT_GT(evaluation.keys.quantising_rms, 0.1 * eps);
 }
 
 TEST_F(Evaluate, StillPoseSettles) {
@@ -65,6 +66,32 @@ TEST_F(Evaluate, StillPoseSettles) {
     EXPECT_EQ(evaluation.still.moves, 0);
     EXPECT_LE(evaluation.still.settles_after, 10u);
   }
+}
+
+TEST_F(Evaluate, MotionAgainIsCodedFromMemory) {
+  EvaluateOptions options{CodecKind::kQuantised, 1e-3 * asset_.diagonal(), {1}};
+  options.again = {0.87, 5e-4, 3};
+  const Evaluation evaluation = evaluated(options);
+  ASSERT_TRUE(evaluation.again);
+  const AgainEvaluation& again = *evaluation.again;
+  const std::size_t frames = clip_->frame_count();
+  EXPECT_EQ(again.poses, std::min(frames, PoseMemory::kMaxPoses));
+  for (const CodedKeys* keys : {&again.plain, &again.recalled, &again.equal})
+    EXPECT_EQ(keys->frames, 2 * (static_cast<std::uint64_t>(static_cast<double>(frames - 1) / 0.87) + 1));
+  EXPECT_EQ(again.plain.recalled, 0u);
+  EXPECT_GT(2 * again.recalled.recalled, again.recalled.frames);
+  EXPECT_LT(2 * again.recalled.payload_bytes, again.plain.payload_bytes);
+  EXPECT_LE(again.equal.quantising_rms, again.plain.quantising_rms);
+  EXPECT_LE(again.equal.wire_bytes, again.plain.wire_bytes);
+  EXPECT_GE(again.first_use, frames);
+  EXPECT_GT(again.memory_bytes, 0u);
+  EXPECT_GT(again.payback_s(30).value(), 0);
+  EXPECT_GT(again.in_all_kbit_per_s(evaluation.keys, 30), again.recalled.wire_kbit_per_s(30));
+  options.again.reset();
+  EXPECT_EQ(evaluated(options).keys.wire_bytes, evaluation.keys.wire_bytes) << "the first pass is as ever";
+  options.again = {1, 0, 2};
+  options.codec = CodecKind::kFloat32;
+  EXPECT_EQ(evaluate(*clip_, asset_, options).error().code, ErrorCode::kInvalidArgument);
 }
 
 TEST_F(Evaluate, StopsWhenItIsTold) {
