@@ -118,6 +118,23 @@ class Contexts:
         self.recent[n % self.channels] += (16 * magnitude - self.recent[n % self.channels]) >> 3
 
 
+def read_levels(coder, contexts, m, values, where, predicted):
+    """The levels of a coarse run: values[where[n]] is what is predicted for n, and what a level leaves of it."""
+    state = 0
+    for n, i in enumerate(where):
+        value = predicted(n)
+        context, rule = contexts.next(n), state >> 1
+        level = coder.level(more(context - (0 if rule else 12)), more(context - (19 if rule else 20)), more(context - 18))
+        residual = m * (2 * level - rule) if level else 0
+        if level:
+            value += -residual if coder.decision() else residual
+        contexts.add(n, residual)
+        state = NEXT_STATE[state][level % 2]
+        require(abs(value) <= MAX_VALUE, "value out of range")
+        values[i] = value
+    coder.finish()
+
+
 def read_coarse(section, m, channels, c1, c2, where, values):
     require(c1 is not None, "coarse run without the newer key")
     c2 = c2 or c1
@@ -129,19 +146,8 @@ def read_coarse(section, m, channels, c1, c2, where, values):
     if coder.decision():
         restoring = coder.number(4)
     contexts = Contexts(m, channels, scale, speeds)
-    state = 0
-    for n, i in enumerate(where):
-        value = c1[n] + ((2 * (speed - 4) * (c1[n] - c2[n]) + (restoring - 12) * c1[n] + 8) >> 4)
-        context, rule = contexts.next(n), state >> 1
-        level = coder.level(more(context - (0 if rule else 12)), more(context - (19 if rule else 20)), more(context - 18))
-        residual = m * (2 * level - rule) if level else 0
-        if level:
-            value += -residual if coder.decision() else residual
-        contexts.add(n, residual)
-        state = NEXT_STATE[state][level % 2]
-        require(abs(value) <= MAX_VALUE, "value out of range")
-        values[i] = value
-    coder.finish()
+    read_levels(coder, contexts, m, values, where,
+                lambda n: c1[n] + ((2 * (speed - 4) * (c1[n] - c2[n]) + (restoring - 12) * c1[n] + 8) >> 4))
 
 
 def read_quantised(layout, section, m, c1, c2, where, values):

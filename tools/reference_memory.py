@@ -9,9 +9,9 @@
 import json
 import sys
 
-from reference_bits import Bytes, ProtocolError, RangeDecoder, more, require
+from reference_bits import Bytes, ProtocolError, RangeDecoder, require
 from reference_decoder import (
-    MAX_VALUE, NEXT_STATE, Contexts, Key, Receiver, band_range, expected_scale, read_exact, references, rescale)
+    MAX_VALUE, Contexts, Key, Receiver, band_range, expected_scale, read_exact, read_levels, references, rescale)
 
 
 def read_recalled(section, m, channels, c1, c2, e, e1, where, values):
@@ -26,19 +26,8 @@ def read_recalled(section, m, channels, c1, c2, e, e1, where, values):
     speed = coder.number(4) if coder.decision() else 4
     shift = max(0, expected - scale) // 2
     contexts = Contexts(m, channels, scale, [speed_of >> shift for speed_of in speeds])
-    state = 0
-    for n, i in enumerate(where):
-        value = e[n] + ((2 * hold * (c1[n] - e1[n]) + (speed - 4) * (c1[n] - c2[n]) + 4) >> 3)
-        context, rule = contexts.next(n), state >> 1
-        level = coder.level(more(context - (0 if rule else 12)), more(context - (19 if rule else 20)), more(context - 18))
-        residual = m * (2 * level - rule) if level else 0
-        if level:
-            value += -residual if coder.decision() else residual
-        contexts.add(n, residual)
-        state = NEXT_STATE[state][level % 2]
-        require(abs(value) <= MAX_VALUE, "value out of range")
-        values[i] = value
-    coder.finish()
+    read_levels(coder, contexts, m, values, where,
+                lambda n: e[n] + ((2 * hold * (c1[n] - e1[n]) + (speed - 4) * (c1[n] - c2[n]) + 4) >> 3))
 
 
 class Memory(Receiver):

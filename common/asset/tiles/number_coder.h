@@ -168,8 +168,9 @@ class ResidualModel {
 template <typename Coder>
 class NumberRun {
  public:
-  template <typename Bytes_>
-  NumberRun(Bytes_&& bytes, std::size_t kinds) : coder_(std::forward<Bytes_>(bytes)), kinds_(kinds) {}
+  /// run: what a BitWriter or a BitReader is made of.
+  template <typename Run>
+  NumberRun(Run&& run, std::size_t kinds) : coder_(std::forward<Run>(run)), kinds_(kinds) {}
 
   std::uint32_t pass(std::size_t kind, std::uint32_t value = 0) { return kinds_[kind].pass_size(coder_, value); }
   std::int32_t pass_signed(std::size_t kind, std::int32_t value = 0) { return kinds_[kind].pass(coder_, value); }

@@ -14,12 +14,17 @@ std::atomic<std::size_t> heap_now{0}, heap_peak{0};
 
 }  // namespace
 
-void* operator new(std::size_t size) {
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
   void* const at = std::malloc(size);
-  if (at == nullptr) throw std::bad_alloc();
+  if (at == nullptr) return nullptr;
   const std::size_t now = heap_now += ::malloc_usable_size(at);
   std::size_t peak = heap_peak;
   while (now > peak && !heap_peak.compare_exchange_weak(peak, now)) continue;
+  return at;
+}
+void* operator new(std::size_t size) {
+  void* const at = operator new(size, std::nothrow);
+  if (at == nullptr) throw std::bad_alloc();
   return at;
 }
 void operator delete(void* at) noexcept {
