@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <iterator>
 #include <utility>
 
 #include "common/surface/appearance.h"
@@ -37,21 +36,6 @@ std::uint32_t scalar_channels(const PoseSource& source) {
   return format.channels < 3 + format.velocity_channels ? 0 : format.channels - 3 - format.velocity_channels;
 }
 
-/// Without the outermost hundredths: a few outliers would leave one colour for all others.
-std::optional<std::array<float, 2>> range_of(std::span<const float> values) {
-  std::vector<float> sorted;
-  sorted.reserve(values.size());
-  std::copy_if(values.begin(), values.end(), std::back_inserter(sorted), [](float v) { return std::isfinite(v); });
-  if (sorted.empty()) return std::nullopt;
-  const auto at = [&](std::size_t rank) {
-    const auto nth = sorted.begin() + static_cast<std::ptrdiff_t>(rank);
-    std::nth_element(sorted.begin(), nth, sorted.end());
-    return *nth;
-  };
-  const std::size_t outer = sorted.size() / 100;
-  return std::array<float, 2>{at(outer), at(sorted.size() - 1 - outer)};
-}
-
 }  // namespace
 
 void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, const Wish& wish) {
@@ -71,7 +55,7 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   if (is_new) before_time_.reset();
   waiting_ = false;
   fill(view, source, wish);
-  range_ = paint_.kind == SurfacePaint::Kind::kScalar ? range_of(paint_.values) : std::nullopt;
+  range_ = paint_.kind == SurfacePaint::Kind::kScalar ? range_without_outliers(paint_.values) : std::nullopt;
   ++paint_.version;
 }
 
@@ -98,7 +82,7 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
     case Colouring::kMovement: {
       std::vector<double> D = columns_of(C, channels, 0, 3);
       for (std::size_t i = 0; i < D.size(); ++i) D[i] -= asset->rest[i];
-      return lengths_of(view, D);
+      return numbers_of(view, D, NumberOf::kLength);
     }
     case Colouring::kSpeed:
       return fill_speed(view, source);
@@ -109,12 +93,7 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
       if (k < known.size()) scalar_ = known[k];
       if (k >= channels - 3 || (!wish.scalar.empty() && named == known.end()))
         return refuse("the stream has no " + title_of(wish));
-      vectors_.resize(std::size_t{N} * 3);
-      view.reconstructor().combine(columns_of(C, channels, static_cast<std::uint32_t>(3 + k), 1), 3, asset->rank, N,
-                                   vectors_);
-      paint_.values.resize(N);
-      for (std::size_t i = 0; i < N; ++i) paint_.values[i] = vectors_[3 * i];
-      return;
+      return numbers_of(view, columns_of(C, channels, static_cast<std::uint32_t>(3 + k), 1), NumberOf::kFirst);
     }
     case Colouring::kError: {
       Truth* truth = source.truth();
@@ -178,15 +157,9 @@ void SurfacePainter::refuse(std::string why) {
   why_not_ = std::move(why);
 }
 
-void SurfacePainter::lengths_of(const SurfaceView& view, std::span<const double> D) {
-  const std::uint32_t N = view.geometry().vertex_count();
-  vectors_.resize(std::size_t{N} * 3);
-  view.reconstructor().combine(D, 3, static_cast<std::uint32_t>(D.size() / 3), N, vectors_);
-  paint_.values.resize(N);
-  for (std::size_t i = 0; i < N; ++i) {
-    const float* v = vectors_.data() + 3 * i;
-    paint_.values[i] = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-  }
+void SurfacePainter::numbers_of(const SurfaceView& view, std::span<const double> D, NumberOf what) {
+  paint_.values.resize(view.geometry().vertex_count());
+  numbers_from_coefficients(view.reconstructor(), D, what, vectors_, paint_.values);
 }
 
 void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& source) {
@@ -195,7 +168,8 @@ void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& sourc
   const auto& info = source.info();
   if (info && info->format.velocity_channels >= 3 && info->format.channels == channels) {
     const std::uint32_t first = channels - info->format.velocity_channels;
-    return lengths_of(view, columns_of(C, channels, first, 3, 1e6 / static_cast<double>(info->format.velocity_us)));
+    return numbers_of(view, columns_of(C, channels, first, 3, 1e6 / static_cast<double>(info->format.velocity_us)),
+                      NumberOf::kLength);
   }
   const TimeUs now = view.shown_capture_us().value_or(0);
   const std::vector<double> X = columns_of(C, channels, 0, 3);
@@ -209,7 +183,7 @@ void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& sourc
   if (difference_.size() != X.size()) difference_.assign(X.size(), 0.0);
   if (!before_time_ || *before_time_ != now) before_ = X;
   before_time_ = now;
-  lengths_of(view, difference_);
+  numbers_of(view, difference_, NumberOf::kLength);
 }
 
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/core/text.h"
+#include "common/reconstruction/numbers.h"
 #include "view/pose_source.h"
 #include "view/surface_view.h"
 #include "view/texture_image.h"
@@ -60,7 +61,7 @@ class SurfacePainter {
 
  private:
   void fill(const SurfaceView& view, const PoseSource& source, const Wish& wish);
-  void lengths_of(const SurfaceView& view, std::span<const double> D);
+  void numbers_of(const SurfaceView& view, std::span<const double> D, NumberOf what);
   void fill_textured(const SurfaceView& view, const Asset& asset);
   void sample_image(const SurfaceView& view, const AssetTexture& texture, const Picture& image);
   void fill_own(const SurfaceView& view, const Asset& asset);

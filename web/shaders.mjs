@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // For esbuild: view/shaders.h of the native viewer as a module that exports each of its strings as GLSL ES 3.00, so that
-// both viewers draw with the same shaders.
+// both viewers draw with the same shaders; and the colours of its maps, from view/style.cpp.
 import { readFile } from 'node:fs/promises';
 
 const VERSION = '#version 330 core\n';
@@ -29,6 +29,10 @@ export const nativeShaders = {
       const source = await readFile(path, 'utf8');
       const found = [...source.matchAll(/inline constexpr const char\* (k\w+) = R"\(([\s\S]*?)\)";/g)];
       return { contents: found.map(([, name, glsl]) => `export const ${name} = ${JSON.stringify(essl(glsl))};`).join('\n') };
+    });
+    build.onLoad({ filter: /[/\\]view[/\\]style\.cpp$/ }, async ({ path }) => {
+      const found = [...(await readFile(path, 'utf8')).matchAll(/constexpr std::array<std::uint32_t, \d+> (k\w+)\{([^}]*)\}/g)];
+      return { loader: 'js', contents: found.map(([, name, colours]) => `export const ${name} = [${colours}];`).join('\n') };
     });
   },
 };

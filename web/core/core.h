@@ -193,6 +193,17 @@ const core_geometry* CORE(surface_rebuild)(core_surface* surface, const core_ass
                                            uint32_t count, uint32_t channels, uint32_t rank_used, uint32_t level,
                                            uint32_t is_textured);
 
+typedef struct {
+  const float* values; /* of each of the geometry's `level` vertices */
+  float low, high;     /* of the finite ones without the outermost hundredths */
+  uint32_t has_range;  /* 0: none is finite */
+} core_numbers;
+
+/* Numbers of the vertices of the last surface_rebuild, from coefficients of rank x 3: the length of each vertex's
+   vector, or its first entry. */
+const core_numbers* CORE(surface_numbers)(core_surface* surface, const core_asset* asset, const double* coefficients,
+                                          uint32_t count, uint32_t is_length);
+
 /* ---- Levels: how many vertices each surface gets, so that pictures are in time (common/levels) ---- */
 
 typedef struct core_levels core_levels;

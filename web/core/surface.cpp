@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/reconstruction/level_triangles.h"
+#include "common/reconstruction/numbers.h"
 #include "common/reconstruction/reconstruct.h"
 #include "web/core/asset.h"
 #include "web/core/error.h"
@@ -26,6 +27,8 @@ struct core_surface {
     std::vector<float> positions, normals, uvs;
   } wedges;
   core_geometry geometry{};
+  std::vector<float> values, room;
+  core_numbers numbers{};
 
   void update(const Asset& from) {
     reconstructor.update(from);
@@ -143,4 +146,20 @@ const core_geometry* surface_rebuild(core_surface* surface, const core_asset* as
   geometry.vertices = texture->first_wedge[N];
   geometry.indices = static_cast<std::uint32_t>(surface->wedges.triangles.size());
   return &geometry;
+}
+
+const core_numbers* surface_numbers(core_surface* surface, const core_asset* asset, const double* coefficients,
+                                    uint32_t count, uint32_t is_length) {
+  const std::uint32_t N = surface->geometry.level;
+  if (surface->asset != asset->number || N > surface->reconstructor.tiles().rows())
+    return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or none"));
+  if (count != std::uint64_t{3} * asset->reader.asset().rank)
+    return web::no(fail(ErrorCode::kInvalidArgument, "the pose has another size than the surface"));
+  surface->values.resize(N);
+  numbers_from_coefficients(surface->reconstructor, {coefficients, count},
+                            is_length != 0 ? NumberOf::kLength : NumberOf::kFirst, surface->room, surface->values);
+  const auto range = range_without_outliers(surface->values);
+  const auto [low, high] = range.value_or(std::array<float, 2>{});
+  surface->numbers = {surface->values.data(), low, high, range ? 1U : 0U};
+  return &surface->numbers;
 }

@@ -15,6 +15,8 @@ export interface Rebuild {
   level?: number;
   /** Rows of the coefficients that count; 0: all. */
   rank?: number;
+  /** Numbers for the vertices, from coefficients of rank x 3: the length of each vertex's vector, or its first entry. */
+  numbers?: { coefficients: Float64Array; isLength: boolean } | undefined;
   /** With UVs, where the surface has an image. */
   isTextured?: boolean;
   /** Taken for the result where they are large enough: what comes back goes round. */
@@ -36,6 +38,9 @@ export interface Rebuilt {
   /** Nothing: those of the version that the page has. */
   triangles: Uint32Array | undefined;
   trianglesVersion: number;
+  /** As they were asked for, one for each of `level` vertices, and the range of most of them. */
+  numbers: Float32Array | undefined;
+  range: readonly [low: number, high: number] | undefined;
   /** Milliseconds that it took. */
   tookMs: number;
 }

@@ -80,13 +80,13 @@ export class Session {
     try {
       if (!watched) throw new EigencastError('not-found', 'the stream is not watched (yet)');
       const rebuilt = this.#rebuild(watched, rebuild);
-      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.triangles].filter((array) => array !== undefined);
+      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.triangles, rebuilt.numbers].filter((array) => array !== undefined);
       this.#post({ op: 'rebuilt', key, request, rebuilt }, arrays.map((array) => array.buffer as ArrayBuffer));
     } catch (error) {
       this.#fail(key, error, request);
     }
   }
-  #rebuild(watched: Watched, { coefficients, channels, level, rank, isTextured, room, trianglesVersion }: Rebuild): Rebuilt {
+  #rebuild(watched: Watched, { coefficients, channels, level, rank, numbers, isTextured, room, trianglesVersion }: Rebuild): Rebuilt {
     const shown = watched.subscription.surfaces.shown;
     if (!shown?.reader) throw new EigencastError('not-found', 'nothing of the surface has arrived yet');
     const started = this.#environment.nowUs();
@@ -102,7 +102,7 @@ export class Session {
       to.set(values);
       return to;
     };
-    return {
+    const geometry = {
       epoch: shown.info.epoch,
       vertices: made.vertices,
       level: made.level,
@@ -112,8 +112,9 @@ export class Session {
       uvs: isKnown ? undefined : made.uvs?.slice(),
       triangles: isKnown ? undefined : made.triangles.slice(),
       trianglesVersion: made.trianglesVersion,
-      tookMs: (this.#environment.nowUs() - started) / 1000,
     };
+    const numbered = numbers && watched.surface.numbers(shown.reader, numbers.coefficients, numbers.isLength);
+    return { ...geometry, numbers: numbered?.values.slice(), range: numbered?.range, tookMs: (this.#environment.nowUs() - started) / 1000 };
   }
   #fail(key: number, error: unknown, request?: number): void {
     const code = error instanceof EigencastError ? error.code : 'internal';

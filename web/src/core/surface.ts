@@ -21,10 +21,19 @@ export interface Geometry {
   trianglesVersion: number;
 }
 
+/** Numbers of vertices, as colours show them. */
+export interface Numbers {
+  /** A view, of use until the next call of the core. */
+  values: Float32Array;
+  /** Of the finite ones without the outermost hundredths; nothing: none is finite. */
+  range: readonly [low: number, high: number] | undefined;
+}
+
 /** Rebuilds poses of one asset at a level of detail. Call free() when done. */
 export class Surface {
   readonly #core: Core;
   readonly #at: number;
+  #level = 0;
 
   constructor(core: Core) {
     this.#core = core;
@@ -46,6 +55,7 @@ export class Surface {
       this.#at, asset.at, given, coefficients.length, channels, rank, Math.min(level, 0xffffffff), isTextured ? 1 : 0));
     const [positions = 0, normals = 0, radii = 0, triangles = 0, vertices = 0, indices = 0, version = 0, drawnLevel = 0, uvs = 0] =
       core.words(at, 9);
+    this.#level = drawnLevel;
     return {
       positions: core.floats(positions, 3 * vertices),
       normals: normals === 0 ? undefined : core.floats(normals, 3 * vertices),
@@ -56,5 +66,12 @@ export class Surface {
       level: drawnLevel,
       trianglesVersion: version,
     };
+  }
+  /** Of the last geometry's `level` vertices, from coefficients of rank x 3: each vertex's length, or its first entry. */
+  numbers(asset: AssetReader, coefficients: Float64Array, isLength: boolean): Numbers {
+    const core = this.#core, given = core.givenDoubles(coefficients);
+    const at = core.found(core.exports.surface_numbers(this.#at, asset.at, given, coefficients.length, isLength ? 1 : 0));
+    const [values = 0, , , hasRange = 0] = core.words(at, 4), [, low = 0, high = 0] = core.floats(at, 3);
+    return { values: core.floats(values, this.#level), range: hasRange === 0 ? undefined : [low, high] };
   }
 }

@@ -3,7 +3,7 @@
  * <eigencast-view src="https://host/lab/horse"></eigencast-view> for anybody's page: importing this file defines it.
  *
  * src      the stream's URL; its query says the profile. A token: property `token`
- * colour   clay (default), own, normals
+ * colour   clay (default), own, textured, normals, movement, speed, channel:NAME
  * still    no camera controls
  * preview  the first, coarse part of the surface is enough
  * Events: status (detail: Status), error (detail: EigencastError). Elements share one GL context, and those of one
@@ -15,7 +15,7 @@ import { locatedUrl, type BrokerUrl } from '../client/url.js';
 import { EigencastError } from '../core/module.js';
 import { Controls } from '../view/controls.js';
 import { Stage } from '../view/stage.js';
-import { COLOURINGS, type Colouring } from '../view/style.js';
+import { colouringIn } from '../view/style.js';
 import { View } from '../view/view.js';
 
 const STYLE = `
@@ -133,8 +133,7 @@ export class EigencastView extends HTMLElement {
     this.#stop = this.#view = undefined;
   }
   #setColour(): void {
-    const colour = this.getAttribute('colour') as Colouring;
-    this.#view?.setStyle({ colour: COLOURINGS.includes(colour) ? colour : 'clay' });
+    this.#view?.setStyle({ colour: colouringIn(this.getAttribute('colour')) ?? 'clay' });
   }
   #say(text: string): void {
     if (this.#said.textContent !== text) this.#said.textContent = text;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { Controls } from '../view/controls.js';
-import type { Style } from '../view/style.js';
+import { COLOUR_MAPS } from '../view/style.js';
 import type { View } from '../view/view.js';
 import { PLAYOUT_MODES } from '../core/playout.js';
 
@@ -10,6 +10,7 @@ export interface Desk {
   controls: Controls;
   isTurning: boolean;
   hasFigures: boolean;
+  hasLegend: boolean;
   say(text: string): void;
   screenshot(wall: boolean): void;
   copyLink(): void;
@@ -30,7 +31,7 @@ export interface Command {
   state?(desk: Desk): string;
 }
 
-function toggle(name: Exclude<keyof Style, 'colour'>, does: string, key: string, icon?: string): Command {
+function toggle(name: 'edges' | 'wireframe' | 'points' | 'grid' | 'axes', does: string, key: string, icon?: string): Command {
   return {
     keys: [key], does, ...(icon === undefined ? {} : { icon }), apply: ({ view }) => view.setStyle({ [name]: !view.style[name] }),
     isOn: ({ view }) => view.style[name],
@@ -39,6 +40,9 @@ function toggle(name: Exclude<keyof Style, 'colour'>, does: string, key: string,
 function nextColour({ view }: Desk): void {
   const offered = view.colourings;
   view.setStyle({ colour: offered[(offered.indexOf(view.style.colour) + 1) % offered.length]! });
+}
+function nextMap({ view }: Desk): void {
+  view.setStyle({ colourMap: COLOUR_MAPS[(COLOUR_MAPS.indexOf(view.style.colourMap) + 1) % COLOUR_MAPS.length]! });
 }
 function nextPlayout({ view, say }: Desk): void {
   const mode = PLAYOUT_MODES[(PLAYOUT_MODES.indexOf(view.live.playout.mode) + 1) % PLAYOUT_MODES.length]!;
@@ -60,6 +64,8 @@ export const COMMANDS: readonly Command[] = [
     keys: ['V'], does: 'what colours say', icon: 'M12 3a9 9 0 1 0 0 18c2 0 1-3 3-3h3a3 3 0 0 0 3-3c0-7-4-12-9-12M8 10h.1M12 7h.1M16 10h.1',
     apply: nextColour, state: ({ view }) => view.style.colour,
   },
+  { keys: ['C'], does: 'colour map', apply: nextMap, state: ({ view }) => view.style.colourMap },
+  { keys: ['B'], does: 'its legend', apply: (desk) => (desk.hasLegend = !desk.hasLegend), isOn: ({ hasLegend }) => hasLegend },
   toggle('edges', 'edges', 'E', 'M12 3l9 16H3zM12 3v16M7.5 11l9 0'),
   toggle('wireframe', 'wireframe', 'W'),
   toggle('points', 'points', 'P'),

@@ -2,8 +2,8 @@
 import type { Status } from '../client/subscription.js';
 import type { Stage } from '../view/stage.js';
 import type { View } from '../view/view.js';
-import { part } from './parts.js';
-import { figureLines } from './words.js';
+import { figureLines } from './figures.js';
+import type { part } from './parts.js';
 
 const EVERY_MS = 500;
 /** Rates are those of so many refreshes. */
@@ -17,15 +17,18 @@ interface Counted {
   bytes: number;
 }
 
-/** Figures over the picture. */
+/** Figures over the picture; loaded when they are asked for. */
 export class Hud {
-  readonly element = part('ul', { class: 'figures', 'aria-label': 'Figures' });
+  readonly element: HTMLElement;
   readonly #stage: Stage;
   readonly #view: View;
   readonly #timer: ReturnType<typeof setInterval>;
   #before: Counted[] = [];
+  readonly #part: typeof part;
 
-  constructor(stage: Stage, view: View) {
+  constructor(stage: Stage, view: View, make: typeof part) {
+    this.element = make('ul', { class: 'figures', 'aria-label': 'Figures' });
+    this.#part = make;
     this.#stage = stage;
     this.#view = view;
     this.#timer = setInterval(() => this.#refresh(), EVERY_MS);
@@ -40,7 +43,7 @@ export class Hud {
     const now = this.#counted(status), before = this.#before[0] ?? now;
     this.#before = [...this.#before, now].slice(-WINDOW);
     this.element.hidden = !facts || !status;
-    if (!facts || !status || this.element.classList.contains('unseen')) return;
+    if (!facts || !status) return;
     const perSecond = (name: keyof Counted): number => (1000 * (now[name] - before[name])) / Math.max(now.atMs - before.atMs, 1);
     const lines = figureLines({
       keysHz: perSecond('keys'), posesHz: perSecond('poses'), drawnHz: perSecond('drawn'), kbitPerS: (8 * perSecond('bytes')) / 1000,
@@ -48,7 +51,7 @@ export class Hud {
       faces: this.#view.faces, profile: info?.profile, shown: live.shown, delayMs: live.delayUs / 1000, workMs: this.#stage.workMs,
       load: this.#stage.load, bands: bitsOf(live.bands), bandsTotal: facts.bandEnds.length, rank: facts.rank,
     });
-    this.element.replaceChildren(...lines.map((line) => part('li', {}, line)));
+    this.element.replaceChildren(...lines.map((line) => this.#part('li', {}, line)));
   }
   #counted(status: Status | undefined): Counted {
     const counts = status?.counts;

@@ -4,7 +4,7 @@ import { Controls } from '../view/controls.js';
 import type { Stage } from '../view/stage.js';
 import { View } from '../view/view.js';
 import { COMMANDS, commandFor, type Command, type Desk } from './commands.js';
-import { Hud } from './hud.js';
+import type { Hud } from './hud.js';
 import { Note } from './note.js';
 import { copy, icon, part } from './parts.js';
 import { keepToken, linkOf, type Place } from './place.js';
@@ -17,10 +17,13 @@ export class StreamPage implements Desk {
   readonly view: View;
   readonly controls: Controls;
   isTurning = false;
+  hasLegend = true;
   readonly #place: Place;
   readonly #broker: Broker;
   readonly #stream: Stream;
-  readonly #hud: Hud;
+  readonly #stage: Stage;
+  #hud: Hud | undefined;
+  #hasFigures = false;
   readonly #note = new Note();
   readonly #state = part('span', { class: 'state' }, 'connecting');
   readonly #banner = part('div', { class: 'banner', role: 'status', hidden: true });
@@ -29,10 +32,13 @@ export class StreamPage implements Desk {
   readonly #buttons = new Map<Command, HTMLButtonElement>();
   #said: { text: string; untilMs: number } | undefined;
   #turnedMs = 0;
+  #legend: HTMLElement | undefined;
+  #legendSays = '';
 
   constructor(place: Place, broker: Broker, stage: Stage, stream: Stream) {
     this.#place = place;
     this.#broker = broker;
+    this.#stage = stage;
     this.#stream = stream;
     const canvas = part('canvas', { tabindex: '0', role: 'img' });
     this.#main = part('main', { class: place.isEmbedded ? 'viewer embed' : 'viewer' }, canvas, this.#head(), this.#banner, this.#note.element, this.#tools(), this.#help);
@@ -40,9 +46,6 @@ export class StreamPage implements Desk {
     document.title = `${place.stream} - Eigencast`;
     this.view = new View(stage, canvas, stream);
     this.controls = new Controls(this.view);
-    this.#hud = new Hud(stage, this.view);
-    this.#main.append(this.#hud.element);
-    this.hasFigures = false;
     this.view.onImage = () => this.#showOwnColours('textured');
     const dark = matchMedia('(prefers-color-scheme: dark)'), setWall = (): void => this.view.setStyle({ wall: !dark.matches });
     dark.addEventListener('change', setWall);
@@ -53,7 +56,7 @@ export class StreamPage implements Desk {
     stream.on('status', () => this.#onStatus());
     stream.on('surface', () => this.#onStatus());
     stream.on('error', (error) => this.#note.fail('The stream cannot be shown', error.message));
-    setInterval(() => this.#refreshBanner(), BANNER_MS);
+    setInterval(() => (this.#refreshBanner(), void this.#refreshLegend()), BANNER_MS);
     document.addEventListener('keydown', (event) => this.#onKey(event));
     this.#onFirstSurface();
     this.#onStatus();
@@ -66,10 +69,16 @@ export class StreamPage implements Desk {
   }
 
   get hasFigures(): boolean {
-    return !this.#hud.element.classList.contains('unseen');
+    return this.#hasFigures;
   }
   set hasFigures(are: boolean) {
-    this.#hud.element.classList.toggle('unseen', !are);
+    this.#hasFigures = are;
+    void import('./hud.js').then(({ Hud }) => {
+      if (this.#hasFigures === (this.#hud !== undefined)) return;
+      this.#hud?.close();
+      this.#hud = this.#hasFigures ? new Hud(this.#stage, this.view, part) : undefined;
+      if (this.#hud) this.#main.append(this.#hud.element);
+    });
   }
   say(text: string): void {
     this.#said = { text, untilMs: Date.now() + SAID_MS };
@@ -140,16 +149,17 @@ export class StreamPage implements Desk {
   }
 
   #onFirstSurface(): void {
-    const { eye, target } = this.#place;
-    const stop = this.#stream.on('surface', () => {
-      stop();
+    let { eye, target } = this.#place;
+    const stop = this.#stream.on('surface', ({ colours, isComplete }) => {
       if (eye && target) this.view.camera.lookFrom(eye, target);
-      if (this.view.colourings.includes('own')) this.#showOwnColours('own');
+      eye = undefined;
+      if (colours) this.#showOwnColours('own');
+      if (colours || isComplete) stop();
     });
   }
   /** Unless somebody has chosen. */
   #showOwnColours(colour: 'own' | 'textured'): void {
-    if (this.view.style.colour !== 'normals') this.view.setStyle({ colour });
+    if (/^(clay|own)$/.test(this.view.style.colour)) this.view.setStyle({ colour });
   }
   #onStatus(): void {
     const status = this.#stream.status, { view } = this;
@@ -177,6 +187,16 @@ export class StreamPage implements Desk {
     const text = this.#said?.text ?? (status ? bannerOf(status, this.view.live.newestMs, now) : '');
     this.#banner.hidden = text === '';
     if (this.#banner.textContent !== text) this.#banner.textContent = text;
+  }
+  async #refreshLegend(): Promise<void> {
+    const legend = this.hasLegend ? this.view.legend : undefined, says = JSON.stringify(legend) ?? '';
+    if (says === this.#legendSays) return;
+    this.#legendSays = says;
+    const made = legend && (await import('./legend.js')).legendOf(legend, part);
+    if (says !== this.#legendSays) return;
+    this.#legend?.remove();
+    this.#legend = made;
+    if (made) this.#main.append(made);
   }
   #turntable(nowMs: number): void {
     const seconds = (nowMs - this.#turnedMs) / 1000;

@@ -7,11 +7,14 @@ import { determinant, IDENTITY, normalMatrix, type Mat4 } from './matrix.js';
 const POSITION = 0, NORMAL = 1, PAINT = 2, RADIUS = 3;
 /** Of the renderer's. */
 export const UV = 4;
+/** Of their own, so that colours stay. */
+const NUMBERS_BUFFER = 5;
 /** Texture units; 0 and 1 belong to shadow map and colour table. */
 const IMAGE_UNIT = 2;
 const ANISOTROPY = 8;
-/** Modes of kPaint. */
-export const PAINTS = { clay: 0, own: 2, textured: 2, normals: 3 } as const;
+/** Modes of kPaint; others: numbers. */
+export const PAINTS: { readonly [colour: string]: number } = { clay: 0, own: 2, textured: 2, normals: 3 };
+export const NUMBERS = 1;
 
 /** One surface as the GPU draws it. */
 export class GlSurface {
@@ -24,6 +27,7 @@ export class GlSurface {
   #indices: Uint32Array = new Uint32Array();
   #edgesAreThere = false;
   #painted = 0;
+  #hasNumbers = false;
   #image: WebGLTexture | undefined;
   #hasUvs = false;
   #sceneFromSurface: Mat4 = IDENTITY;
@@ -32,14 +36,16 @@ export class GlSurface {
   isCloud = false;
   hasDiscs = false;
   /** A mode of kPaint. */
-  paint: number = PAINTS.clay;
+  paint = PAINTS.clay!;
+  /** Of the ends of the colour table. */
+  range: readonly [low: number, high: number] = [0, 1];
   /** 1: its colours; 0: grey, as of a lost connection. */
   colourfulness = 1;
 
   constructor(gl: GL) {
     this.#gl = gl;
     this.#array = gl.createVertexArray();
-    this.#buffers = Array.from({ length: 5 }, () => gl.createBuffer());
+    this.#buffers = Array.from({ length: 6 }, () => gl.createBuffer());
     this.#triangles = gl.createBuffer();
     this.#edges = gl.createBuffer();
   }
@@ -59,6 +65,9 @@ export class GlSurface {
     this.isCloud = isCloud;
     this.#set(POSITION, rebuilt.positions, 3);
     this.#set(NORMAL, rebuilt.normals, 3);
+    if (rebuilt.numbers) this.#set(PAINT, rebuilt.numbers, 1, NUMBERS_BUFFER);
+    else if (this.#hasNumbers) this.#point(PAINT, this.#painted > 0, 3);
+    this.#hasNumbers = rebuilt.numbers !== undefined;
     if (!rebuilt.triangles) return;
     this.hasDiscs = rebuilt.radii !== undefined;
     this.#set(RADIUS, rebuilt.radii, 1);
@@ -74,6 +83,7 @@ export class GlSurface {
     this.#gl.bindVertexArray(this.#array);
     this.#painted = (colours?.length ?? 0) / 3;
     this.#set(PAINT, colours && Float32Array.from(colours, (part) => LINEAR[part]!), 3);
+    if (this.#hasNumbers) this.#point(PAINT, true, 1, NUMBERS_BUFFER);
   }
   /** Its texture, at most as large as the GPU takes. */
   texture(image: ImageBitmap): void {
@@ -123,9 +133,9 @@ export class GlSurface {
   /** Sets the program's transform and binds the arrays, and the image. */
   bind(program: Program, withImage = false): void {
     const hasColours = withImage || (!this.#hasUvs && this.#painted >= this.#vertices);
-    const paint = this.paint === PAINTS.own && !hasColours ? PAINTS.clay : this.paint;
+    const isThere = this.paint === NUMBERS ? this.#hasNumbers : this.paint !== PAINTS.own || hasColours;
     program.set({
-      paint, colourfulness: this.colourfulness, scene_from_surface: this.#sceneFromSurface, scene_from_normal: normalMatrix(this.#sceneFromSurface),
+      paint: isThere ? this.paint : PAINTS.clay!, colour_range: this.range, colourfulness: this.colourfulness, scene_from_surface: this.#sceneFromSurface, scene_from_normal: normalMatrix(this.#sceneFromSurface),
     });
     if (withImage && this.#image) {
       program.set({ image: IMAGE_UNIT });
@@ -159,15 +169,20 @@ export class GlSurface {
     this.#gl.bindBuffer(this.#gl.ELEMENT_ARRAY_BUFFER, indices);
     this.#gl.drawElements(what, count, this.#gl.UNSIGNED_INT, 0);
   }
-  #set(number: number, values: Float32Array | undefined, size: number): void {
+  #set(number: number, values: Float32Array | undefined, size: number, buffer = number): void {
     const gl = this.#gl;
-    if (!values) {
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#buffers[buffer]!);
+    if (values) gl.bufferData(gl.ARRAY_BUFFER, values, gl.STREAM_DRAW);
+    this.#point(number, values !== undefined, size, buffer);
+  }
+  #point(number: number, isThere: boolean, size: number, buffer = number): void {
+    const gl = this.#gl;
+    if (!isThere) {
       gl.disableVertexAttribArray(number);
       gl.vertexAttrib3f(number, 0, 0, 0);
       return;
     }
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.#buffers[number]!);
-    gl.bufferData(gl.ARRAY_BUFFER, values, gl.STREAM_DRAW);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#buffers[buffer]!);
     gl.vertexAttribPointer(number, size, gl.FLOAT, false, 0, 0);
     gl.enableVertexAttribArray(number);
   }

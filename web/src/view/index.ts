@@ -4,5 +4,6 @@ export { Camera, type Up } from './camera.js';
 export { Controls } from './controls.js';
 export { LiveSurface } from './live_surface.js';
 export { Stage } from './stage.js';
-export { COLOURINGS, STYLE, type Colouring, type Style } from './style.js';
+export type { Legend } from './numbers.js';
+export { COLOUR_MAPS, STYLE, type Colouring, type ColourMap, type Style } from './style.js';
 export { View } from './view.js';

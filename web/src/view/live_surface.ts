@@ -5,6 +5,7 @@ import type { Pose, Status, Surface } from '../client/subscription.js';
 import { EigencastError, type Core } from '../core/module.js';
 import { Playout, type PlayoutSettings, type Shown } from '../core/playout.js';
 import { IDENTITY, type Mat4, type Vec3 } from './matrix.js';
+import type { NumberPainter } from './numbers.js';
 
 const FADE_MS = 500;
 
@@ -35,6 +36,7 @@ export class LiveSurface {
   #level = 0;
   #isStale = false;
   #isTextured = false;
+  #painter: NumberPainter | undefined;
   #isInFlight = false;
   #isClosed = false;
   #drawn: Drawn | undefined;
@@ -105,6 +107,11 @@ export class LiveSurface {
   set isTextured(value: boolean) {
     this.#isStale ||= value !== this.#isTextured;
     this.#isTextured = value;
+  }
+  /** With numbers for the vertices. */
+  set painter(painter: NumberPainter | undefined) {
+    this.#isStale ||= painter !== this.#painter;
+    this.#painter = painter;
   }
   /** Triangles and all come with the next answer, as after a lost GL context. */
   forgetDrawn(): void {
@@ -183,12 +190,13 @@ export class LiveSurface {
     const coefficients = this.#coefficients!, channels = this.#channels, surface = this.#surface!;
     let used = coefficients.length;
     while (used > 0 && coefficients[used - 1] === 0) --used;
-    const spare = this.#spare, had = this.#version;
+    const spare = this.#spare, had = this.#version, painter = this.#painter;
     this.#spare = undefined;
     this.#isInFlight = true;
     try {
       const rebuilt = await this.stream.rebuild({
         coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured,
+        numbers: painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info }),
         ...(spare ? { room: { positions: spare.positions.buffer as ArrayBuffer, normals: spare.normals?.buffer as ArrayBuffer } } : {}),
       });
       if (this.#isClosed) return;
@@ -196,6 +204,7 @@ export class LiveSurface {
       if (!rebuilt.triangles && had !== this.#version) return void (this.#isStale = true);
       this.#version = rebuilt.trianglesVersion;
       this.#spare = this.#drawn?.rebuilt;
+      if (rebuilt.range) painter?.include(rebuilt.range);
       this.#drawn = { rebuilt, isCloud: surface.facts.faceTotal === 0, area: surface.facts.area };
       this.#changed(this.#drawn);
     } catch (error) {

@@ -7,3 +7,7 @@ declare module '*/view/shaders.h' {
   export const kLineFragment: string, kSplatVertex: string, kSplatFragment: string;
   export const kGroundVertex: string, kGroundFragment: string, kFinishFragment: string;
 }
+/** Colours of its maps, 0xRRGGBB. */
+declare module '*/view/style.cpp' {
+  export const kViridis: number[], kCividis: number[], kCoolwarm: number[], kTurbo: number[], kGrey: number[];
+}

@@ -3,8 +3,8 @@ import {
   kFinishFragment, kLighting, kLineFragment, kMeshFragment, kMeshPaint, kMeshVertex, kPaint, kScreenVertex, kSplatFragment, kSplatVertex,
 } from '../../../view/shaders.h';
 import { FIELD_OF_VIEW, type Camera } from './camera.js';
-import { bindTexture, Program, type GL } from './gl.js';
-import { PAINTS, UV, type GlSurface } from './gl_surface.js';
+import { bindTexture, Program, setFilter, type GL } from './gl.js';
+import { NUMBERS, PAINTS, UV, type GlSurface } from './gl_surface.js';
 import { Lighting } from './lighting.js';
 import { product } from './matrix.js';
 import type { Style } from './style.js';
@@ -30,7 +30,7 @@ export class Renderer {
   readonly #splat: Program;
   readonly #finish: Program;
   readonly #none: WebGLVertexArrayObject;
-  readonly #black: WebGLTexture;
+  readonly #table: WebGLTexture;
 
   constructor(gl: GL) {
     this.#gl = gl;
@@ -44,15 +44,22 @@ export class Renderer {
     this.#lighting = new Lighting(gl);
     this.#surroundings = new Surroundings(gl);
     this.#none = gl.createVertexArray();
-    this.#black = gl.createTexture();  // colour_table, until surfaces are painted with numbers.
-    bindTexture(gl, 1, this.#black);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+    this.#table = gl.createTexture();
+    this.useTable(new Uint8Array(4));
+    setFilter(gl, gl.LINEAR);
+  }
+
+  /** Colours of numbers, RGBA, from now on. */
+  useTable(colours: Uint8Array): void {
+    const gl = this.#gl;
+    bindTexture(gl, 1, this.#table);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, colours.length / 4, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, colours);
   }
 
   /** To the lower left of the canvas, which is that large at least. Sizes are pixels of the picture. */
   draw(all: readonly GlSurface[], camera: Camera, style: Style, width: number, height: number, pixelScale: number): void {
     const gl = this.#gl, surfaces = all.filter((surface) => surface.isDrawable);
-    const paint = PAINTS[style.colour];
+    const paint = PAINTS[style.colour] ?? NUMBERS;
     for (const surface of surfaces) surface.paint = paint;
     this.#lighting.cast(camera, surfaces);
     this.#target.bind(width, height);
@@ -134,6 +141,6 @@ export class Renderer {
     gl.bindVertexArray(this.#none);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.BLEND);
-    bindTexture(gl, 1, this.#black);
+    bindTexture(gl, 1, this.#table);
   }
 }

@@ -5,10 +5,11 @@ import { Camera, type Pixel } from './camera.js';
 import { GlSurface } from './gl_surface.js';
 import { LiveSurface, type Drawn } from './live_surface.js';
 import { moved, type Vec3 } from './matrix.js';
+import type { Legend, NumberPainter } from './numbers.js';
 import { pick } from './pick.js';
 import type { Renderer } from './renderer.js';
 import type { Stage } from './stage.js';
-import { COLOURINGS, STYLE, type Colouring, type Style } from './style.js';
+import { isOfNumbers, STYLE, type Colouring, type ColourMap, type Style } from './style.js';
 
 /** The smallest part of its vertices that a surface keeps, and how many are never worth saving. */
 const FLOOR = 0.02, FEW = 2000;
@@ -33,6 +34,9 @@ export class View {
   #isHidden = false;
   #isPausedStream = false;
   #colourfulness = 1;
+  #painter: NumberPainter | undefined;
+  #tables: typeof import('./numbers.js').tableOf | undefined;
+  #table: { map: ColourMap; colours: Uint8Array } | undefined;
   /** The surface can be textured from now on. */
   onImage: () => void = () => {};
   /** Pictures so far. */
@@ -59,8 +63,10 @@ export class View {
     return this.#style;
   }
   setStyle(change: Partial<Style>): void {
-    this.#style = { ...this.#style, ...change };
+    const before = this.#style;
+    this.#style = { ...before, ...change };
     this.live.isTextured = this.#style.colour === 'textured' && !this.#style.points;
+    if (this.#style.colour !== before.colour) void this.#paintNumbers(this.#style.colour);
     this.invalidate();
   }
   /** The camera has moved, or something else that the picture shows. */
@@ -89,9 +95,19 @@ export class View {
   get faces(): number {
     return this.#gl?.faces ?? 0;
   }
-  /** What the surface can show of style's colours. */
+  /** What the surface can show, in the native client's order. */
   get colourings(): Colouring[] {
-    return COLOURINGS.filter((colour) => (colour !== 'own' || this.live.surface?.colours) && (colour !== 'textured' || this.#image));
+    const { surface, isCloud, stream } = this.live, { channels = 3, velocity_channels = 0, scalars = [] } = stream.info?.format ?? {};
+    const count = Math.max(0, channels - 3 - velocity_channels);
+    return [
+      'clay', ...(surface?.colours ? ['own' as const] : []), ...(this.#image ? ['textured' as const] : []), ...(isCloud ? [] : ['normals' as const]), 'movement',
+      'speed', ...Array.from({ length: count }, (_, i): Colouring => `channel:${scalars[i]?.name ?? 3 + i}`),
+    ];
+  }
+  /** Of the colours, where they say numbers. */
+  get legend(): Legend | undefined {
+    const { surface } = this.live;
+    return surface && this.#painter?.legend(this.#style, surface.facts);
   }
   set isInSight(value: boolean) {
     this.#isInSight = value;
@@ -209,7 +225,19 @@ export class View {
     const gl = this.#gl;
     gl?.place(this.live.sceneFromSurface);
     if (gl) gl.colourfulness = this.#colourfulness;
+    if (gl && this.#painter) {
+      gl.range = this.#painter.span(style);
+      if (this.#table?.map !== style.colourMap) this.#table = { map: style.colourMap, colours: this.#tables!(style.colourMap) };
+      renderer.useTable(this.#table.colours);
+    }
     renderer.draw(gl ? [gl] : [], this.camera, style, this.canvas.width, this.canvas.height, this.#pixelRatio);
+  }
+  async #paintNumbers(colour: Colouring): Promise<void> {
+    if (!isOfNumbers(colour)) return void (this.live.painter = this.#painter = undefined);
+    const { NumberPainter, tableOf } = await import('./numbers.js');
+    if (colour !== this.#style.colour) return;
+    this.#tables = tableOf;
+    this.live.painter = this.#painter = new NumberPainter(colour);
   }
   #pause(): void {
     if (this.#isPausedStream === !this.isInSight) return;

@@ -63,12 +63,12 @@ test('AStreamIsShownFromBeforeItBeginsUntilItsSenderHasGone', async () => {
     const nameless = nodes.filter(({ ignored, role, name }) => !ignored && /^(button|link|image|textbox|toolbar)$/.test(role?.value) && !name?.value);
     assert.deepEqual(nameless, [], 'what a screen reader meets has a name');
     const sender = programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
-    await tab.until(`${hasState('live')} && document.querySelector('.note').hidden && ${CLAY} > 1000`, 150_000);
+    await tab.until(`${hasState('live')} && document.querySelector('.note').hidden && ${CLAY} > 100`, 150_000);
     await sender.stop('SIGKILL');
     await tab.until("/no data for .* the sender is gone, this is its last pose/.test(document.querySelector('.banner').textContent)");
     await tab.until(`${CLAY} === 0`);  // Grey.
     programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
-    await tab.until(`${hasState('live')} && document.querySelector('.banner').hidden && ${CLAY} > 1000`);
+    await tab.until(`${hasState('live')} && document.querySelector('.banner').hidden && ${CLAY} > 100`);
   });
 });
 
@@ -111,6 +111,12 @@ test('PicturesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
       const [coloured] = await both([`--colour=${colour}`], ['', { colour }]);
       assert.ok(coloured.mean > 0.99 && coloured.worst > 0.9, `${colour}: ${JSON.stringify(coloured)}`);
     }
+    for (const [colourMap, range] of [['viridis'], ['turbo', [0.1, 0.5]]]) {
+      const words = ['--colour=movement', `--colour-map=${colourMap}`, ...(range ? [`--colour-range=${range}`] : [])];
+      const [numbers, otherMap] = await both(words, ['rebuilt', { colour: 'movement', colourMap, colourRange: range }], ['rebuilt', { colour: 'movement', colourMap: 'coolwarm', colourRange: range }]);
+      assert.ok(numbers.mean > 0.99 && numbers.worst > 0.9, `movement: ${JSON.stringify(numbers)}`);
+      assert.ok(otherMap.mean < numbers.mean - 0.001, `maps differ: ${JSON.stringify([numbers, otherMap])}`);
+    }
     for (const lines of ['edges', 'wireframe']) {
       const [drawn, without] = await both([`--${lines}`], ['', { [lines]: true }], ['']);
       assert.ok(drawn.mean > 0.95 && drawn.mean > without.mean + 0.01, `${lines}: ${JSON.stringify([drawn, without])}`);
@@ -135,7 +141,7 @@ test('ImagesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
 
 test('TheCameraFollowsKeysAndPointers', async () => {
   await onPage(`${site.url}/still?rate=raw`, async (tab) => {
-    await tab.until(`${hasState('live')} && ${CLAY} > 1000`, 150_000);
+    await tab.until(`${hasState('live')} && ${CLAY} > 100`, 150_000);
     await tab.evaluate(`${button('pause')}.click()`);
     assert.equal(await tab.evaluate(`${button('pause')}.getAttribute('aria-pressed')`), 'true');
     // The level of detail comes to rest.
@@ -195,6 +201,26 @@ test('HiddenPagesTakeNoPoses', async () => {
   });
 });
 
+test('NumbersHaveALegend', async () => {
+  await onPage(`${site.url}/still?rate=raw`, async (tab) => {
+    await tab.until(`${hasState('live')} && ${CLAY} > 100`, 150_000);
+    const legend = "document.querySelector('.legend')?.innerText ?? ''";
+    for (let press = 0; press < 2; ++press) await tab.evaluate(`${button('what colours say')}.click()`);  // From its own colours to normals, to movement.
+    await tab.until(`/movement from rest[^]*0.6\\+ units[^]*0$/.test(${legend})`);
+    if (PICTURES) writeFileSync(join(PICTURES, 'legend.png'), await tab.screenshot());
+    const print = await tab.evaluate(PRINT);
+    await tab.key('c');
+    await tab.until(`${PRINT} !== ${print}`);
+    await tab.key('b');
+    await tab.until(`${legend} === ''`);
+    await tab.key('b');
+    await tab.key('v');
+    await tab.until(`/^speed[^]*units.s/.test(${legend})`);
+    await tab.key('v');
+    await tab.until(`${legend} === ''`);
+  });
+});
+
 test('TheListShowsEachStream', async () => {
   await onPage(`${site.url}/`, async (tab) => {
     await tab.until("[...document.querySelectorAll('.streams dt')].some((name) => name.textContent === 'still')");
@@ -239,12 +265,12 @@ test('WhatIsLostComesBack', async () => {
     await tab.evaluate("(window.loser = stage.gl.getExtension('WEBGL_lose_context')).loseContext()");
     await tab.until('stage.renderer === undefined');
     await tab.evaluate('window.loser.restoreContext()');
-    await tab.until(`stage.renderer !== undefined && (view.invalidate(), ${CLAY} > 1000)`);
+    await tab.until(`stage.renderer !== undefined && (view.invalidate(), ${CLAY} > 100)`);
     tab.console.length = 0;  // Chromium says that a context was lost.
     await tab.evaluate("document.querySelector('canvas').getContext('2d').clearRect(0, 0, 9999, 9999)");
     site.cut();
     await tab.until("view.live.stream.status.reconnects === 1 && view.live.stream.status.state === 'live'");
-    await tab.until(`(view.invalidate(), ${CLAY} > 1000)`);
+    await tab.until(`(view.invalidate(), ${CLAY} > 100)`);
   });
 });
 
@@ -291,7 +317,7 @@ test('PagesPublishWhatOthersSee', async () => {
   await onPage(`${own.url}/player`, async (player) => {
     await player.until("publisher.status.state === 'live' && publisher.sent > 3", 150_000);
     await onPage(`${own.url}/play/ring`, async (tab) => {
-      await tab.until(`${hasState('live')} && ${CLAY} > 1000`, 150_000);
+      await tab.until(`${hasState('live')} && ${CLAY} > 100`, 150_000);
       await player.until('publisher.status.subscribers === 1');
       const before = await tab.evaluate(CLAY);
       await player.evaluate('void (window.width = 0.4)');
@@ -303,7 +329,7 @@ test('PagesPublishWhatOthersSee', async () => {
 
 test('EmbeddedPagesHaveNoControls', async () => {
   await onPage(`${site.url}/still?embed=1`, async (tab) => {
-    await tab.until(`${CLAY} > 1000`, 150_000);
+    await tab.until(`${CLAY} > 100`, 150_000);
     assert.equal(await tab.evaluate("getComputedStyle(document.querySelector('.tools')).display"), 'none');
     assert.equal(await tab.evaluate("document.querySelector('.open').href"), `${site.url}/still`);
   });

@@ -44,7 +44,7 @@ test('TheListLeadsToAStream', async () => {
   await onPage('/', async (tab) => {
     await tab.until(`[...document.querySelectorAll('.streams dt')].some((name) => name.textContent === 'still') && ${CLAY} > 50`, 150_000);
     await tab.evaluate("[...document.querySelectorAll('.streams a')].find((a) => a.textContent.includes('still')).click()");
-    await tab.until(`location.pathname === '/still' && ${hasState('live')} && ${CLAY} > 1000`);
+    await tab.until(`location.pathname === '/still' && ${hasState('live')} && ${CLAY} > 100`);
     await tab.evaluate(`${button('pause')}.click()`);
     await tab.until(`${button('pause')}.getAttribute('aria-pressed') === 'true'`);
     const print = await tab.evaluate(PRINT);
@@ -57,7 +57,7 @@ test('AStreamMovesFromItsBeginningUntilItsSenderHasGone', async () => {
   await onPage('/lab/heart', async (tab) => {
     await tab.until(hasState('waiting'));
     const sender = programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
-    await tab.until(`${hasState('live')} && document.querySelector('.note').hidden && ${CLAY} > 1000`, 150_000);
+    await tab.until(`${hasState('live')} && document.querySelector('.note').hidden && ${CLAY} > 100`, 150_000);
     const print = await tab.evaluate(PRINT);
     await tab.until(`${PRINT} !== ${print}`);
     await sender.stop('SIGKILL');

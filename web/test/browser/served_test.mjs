@@ -43,7 +43,7 @@ async function onPage(url, use) {
     await tab.close();
   }
 }
-const isLive = `${hasState('live')} && ${CLAY} > 1000`;
+const isLive = `${hasState('live')} && ${CLAY} > 100`;
 
 test('AStreamsUrlShowsIt', async () => {
   await onPage(`http://127.0.0.1:${broker.port}/lab/still`, async (tab) => {
@@ -76,7 +76,7 @@ test('PagesElsewhereShowStreamsWhereTheyMay', async () => {
   pages['/frame'] = `${icon}<iframe src="${base}/lab/still?embed=1"></iframe>`;
   pages['/refused'] = `${icon}<iframe src="http://127.0.0.1:${broker.port}/lab/still?embed=1"></iframe>`;
   try {
-    await onPage(`${site.url}/element`, (tab) => tab.until(`${CLAY} > 1000`, 150_000));
+    await onPage(`${site.url}/element`, (tab) => tab.until(`${CLAY} > 100`, 150_000));
     await onPage(`${site.url}/frame`, (tab) => tab.until("document.querySelector('iframe').contentDocument === null && performance.getEntriesByType('resource').length > 0"));
     const tab = await chromium.tab();
     await tab.open(`${site.url}/refused`);

@@ -168,6 +168,7 @@ function draws(asset, bands = 0) {
       for (const N of [baseCount, rowsReady, Math.floor((baseCount + rowsReady) / 2), rowsReady]) {
         const { triangles, vertices } = surface.rebuild(reader, reader.rest, 3, N);
         assert.ok(triangles.every((corner) => corner < vertices));
+        surface.numbers(reader, reader.rest, true);
       }
     }
     return reader.isComplete;
@@ -222,6 +223,30 @@ test('ASurfaceFollowsTheAssetThatItWasUpdatedWith', () => {
   assert.equal(surface.rebuild(second, second.rest, 3).vertices, second.facts.vertexCount);
   assert.throws(() => surface.rebuild(second, first.rest, 3), { code: 'invalid-argument' });
   for (const one of [first, second, surface]) one.free();
+});
+
+test('NumbersOfVerticesAreLengthsOrFirstEntries', () => {
+  for (const asset of ASSETS) {
+    const reader = opened(asset), surface = new Surface(core), C = reader.rest.map((value, i) => value * (i % 3 === 0 ? 1.5 : 1));
+    surface.update(reader);
+    assert.equal(surface.numbers(reader, C, true).values.length, 0, 'nothing was rebuilt yet');
+    surface.rebuild(reader, C, 3);
+    const { values, range } = surface.numbers(reader, C, false), first = values.slice(), { vertexCount, hasDetail } = reader.facts;
+    assert.equal(first.length, vertexCount);
+    const positions = surface.rebuild(reader, C, 3).positions.slice(), lengths = surface.numbers(reader, C, true).values.slice();
+    for (let v = 0; v < vertexCount && !hasDetail; ++v) {
+      assert.equal(first[v], positions[3 * v]);
+      assert.ok(Math.abs(lengths[v] - Math.hypot(...positions.subarray(3 * v, 3 * v + 3))) <= 1e-6 * lengths[v]);
+    }
+    const sorted = first.sort(), outer = Math.floor(vertexCount / 100);
+    assert.deepEqual(range, [sorted[outer], sorted[vertexCount - 1 - outer]], 'without the outermost hundredths');
+    surface.rebuild(reader, C, 3, reader.facts.baseCount);
+    assert.equal(surface.numbers(reader, C, true).values.length, reader.facts.baseCount);
+    assert.equal(surface.numbers(reader, C.map(() => NaN), true).range, undefined);
+    assert.throws(() => surface.numbers(reader, C.subarray(3), true), { code: 'invalid-argument' });
+    reader.free();
+    surface.free();
+  }
 });
 
 test('AbsentBandsAreFilledFromTheRestPose', () => {

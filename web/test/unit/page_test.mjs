@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, figureLines, linkOf, pick, placeOf, Sharpness, textFromMode } = internals;
+const { bannerOf, Camera, figureLines, linkOf, NumberPainter, pick, placeOf, roundUp, Sharpness, tableOf, textFromMode } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -93,6 +93,48 @@ test('PixelsFollowLatePictures', () => {
   assert.equal(sharpness.value, 0.5);
   for (let i = 0; i < 1000; ++i) sharpness.add(4, 16);
   assert.equal(sharpness.value, 1);
+});
+
+test('NumbersSpanRoundNumbersAndNeverShrink', () => {
+  near([0.0123, 1, 8.1, 350].map(roundUp), [0.015, 1, 10, 400]);
+  const painter = new NumberPainter('movement'), style = { colourMap: 'viridis' }, facts = { metresPerUnit: 0.01 };
+  assert.equal(painter.legend(style, facts), undefined, 'nothing is known yet');
+  for (const [range, span] of [[[0.1, 0.33], [0, 0.4]], [[0, 0.1], [0, 0.4]], [[-0.7, 0.2], [-0.8, 0.8]]]) {
+    painter.include(range);
+    near(painter.span(style), span);
+  }
+  assert.deepEqual(painter.span({ colourRange: [1, 2] }), [1, 2]);
+  const { title, unit, low, high, colours } = painter.legend(style, facts);
+  assert.deepEqual([title, unit, low, high], ['movement from rest', 'm', -0.008, 0.008]);
+  assert.deepEqual([colours[0], colours.at(-1)], ['#440154', '#fde725']);
+});
+
+test('NumbersAreMovementSpeedAndChannels', () => {
+  const rest = Float64Array.of(1, 0, 0, 0, 1, 0), format = { channels: 7, velocity_channels: 3, velocity_us: 500_000, scalars: [{ name: 'stress', unit: 'MPa', low: -2, high: 2, scale: 1 }] };
+  const pose = { coefficients: Float64Array.of(3, 4, 5, 6, 7, 8, 9, 1, 2, 3, 4, 5, 6, 7), channels: 7, rest, timeUs: 0n, info: { format } };
+  const of = (colour, given = pose) => { const found = new NumberPainter(colour).of(given); return found && { isLength: found.isLength, coefficients: [...found.coefficients] }; };
+  assert.deepEqual(of('movement'), { isLength: true, coefficients: [2, 4, 5, 1, 1, 3] });
+  assert.deepEqual(of('speed'), { isLength: true, coefficients: [14, 16, 18, 10, 12, 14] }, 'per second');
+  for (const channel of ['channel:stress', 'channel:3']) assert.deepEqual(of(channel), { isLength: false, coefficients: [6, 0, 0, 4, 0, 0] });
+  for (const none of ['channel:heat', 'channel:7', 'channel:2']) assert.equal(of(none), undefined);
+  const still = { ...pose, coefficients: rest, channels: 3, info: undefined }, painter = new NumberPainter('speed');
+  assert.deepEqual([...painter.of(still).coefficients], [0, 0, 0, 0, 0, 0], 'one pose says nothing');
+  const moved = { ...still, coefficients: rest.map((value) => value + 1), timeUs: 100_000n };
+  for (let again = 0; again < 2; ++again) near([...painter.of(moved).coefficients], [10, 10, 10, 10, 10, 10]);
+  assert.deepEqual([...painter.of({ ...still, timeUs: 2_000_000n }).coefficients], [0, 0, 0, 0, 0, 0], 'too far apart');
+  const scalar = new NumberPainter('channel:stress');
+  scalar.of(pose);
+  scalar.include([0, 9]);
+  const { title, unit, low, high } = scalar.legend({ colourMap: 'grey' }, { metresPerUnit: 0.001 });
+  assert.deepEqual([title, unit, low, high], ['stress', 'MPa', -2, 2], 'what the stream says, in its unit');
+});
+
+test('ColourTablesAreThoseOfTheNativeViewer', () => {
+  for (const [map, middle] of [['viridis', [0x21, 0x90, 0x8c]], ['coolwarm', [0xdd, 0xdd, 0xdd]], ['grey', [0x86, 0x86, 0x86]]]) {
+    const table = tableOf(map);
+    assert.equal(table.length, 1024);
+    near([...table.subarray(4 * 127, 4 * 127 + 3)], middle, 2);
+  }
 });
 
 test('AddressesSayBrokerStreamProfileAndCamera', () => {
