@@ -42,13 +42,16 @@ if [ ${#missing[@]} -gt 0 ]; then
   "${as_root[@]}" apt-get update -qq
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
-if [ -f web/package-lock.json ] && ! cmp -s web/package-lock.json web/node_modules/.installed; then
-  if (cd web && npm ci --silent --no-audit --no-fund --ignore-scripts) >/dev/null 2>&1; then
-    cp web/package-lock.json web/node_modules/.installed
+modules_of() {  # FOLDER, and what goes without them
+  if [ ! -f "$1/package-lock.json" ] || cmp -s "$1/package-lock.json" "$1/node_modules/.installed"; then return; fi
+  if (cd "$1" && npm ci --silent --no-audit --no-fund --ignore-scripts) >/dev/null 2>&1; then
+    cp "$1/package-lock.json" "$1/node_modules/.installed"
   else
-    echo "install-packages: npm cannot fetch the modules of web/package-lock.json; the page is left out" >&2
+    echo "install-packages: npm cannot fetch the modules of $1/package-lock.json; $2 is left out" >&2
   fi
-fi
+}
+modules_of web 'the page'
+[ "$section" = demo ] || modules_of web/examples 'the package for npm'
 [[ $section != demo && $section != packages ]] || exit 0
 
 tools=$PWD/build/tools

@@ -2,6 +2,7 @@
 import { SCHEMES } from '../core/frames.js';
 import { Core, EigencastError } from '../core/module.js';
 import type { StreamInfo } from './control.js';
+import { defaults } from './defaults.js';
 import { surroundings, type Environment } from './environment.js';
 import { Events } from './events.js';
 import type { Profile } from './profile.js';
@@ -149,7 +150,7 @@ export class Broker {
   /** Throws EigencastError (invalid-argument) for a URL that cannot be meant; a broker that is away is tried again. */
   static async make(url: BrokerUrl, options: ConnectOptions): Promise<Broker> {
     const environment = surroundings(options.environment);
-    const compiling = compiled(options.core ?? new URL('./eigencast-core.wasm', import.meta.url), environment);
+    const compiling = compiled(options.core ?? defaults.core, environment);
     if (options.worker === false) {
       const { Session } = await import('./session.js');
       const module = await compiling, core = await Core.make(module);
@@ -158,7 +159,7 @@ export class Broker {
       return broker;
     }
     // It starts while the core is on its way.
-    const given = options.worker ?? new URL('./worker.js', import.meta.url);
+    const given = options.worker ?? defaults.worker;
     const worker = typeof given === 'string' || given instanceof URL ? workerAt(new URL(given, globalThis.location?.href)) : given;
     let failed = '';
     worker.onerror = (event) => (failed = workerFailure(event));

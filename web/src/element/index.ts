@@ -9,9 +9,10 @@
  * Events: status (detail: Status), error (detail: EigencastError). Elements share one GL context, and those of one
  * broker one connection.
  */
-import { connect, profileIn, type Broker, type Stream } from '../client/client.js';
+import { profileIn, type Stream } from '../client/client.js';
 import { surroundings } from '../client/environment.js';
-import { locatedUrl, type BrokerUrl } from '../client/url.js';
+import { shared } from '../client/shared.js';
+import { locatedUrl } from '../client/url.js';
 import { EigencastError } from '../core/module.js';
 import { Controls } from '../view/controls.js';
 import { Stage } from '../view/stage.js';
@@ -25,31 +26,7 @@ const STYLE = `
   p { position: absolute; left: 8px; bottom: 8px; margin: 0; padding: 4px 10px; max-width: calc(100% - 16px); border-radius: 8px; background: #ffffffd9; color: #1a222b; font: 13px/1.4 system-ui, sans-serif; }
   p:empty { display: none; }`;
 
-interface Shared {
-  broker: Promise<Broker>;
-  streams: Set<string>;
-}
-/** By URL and token, and a number: a connection watches a stream once. */
-const brokers = new Map<string, Shared>();
 let stage: Promise<Stage> | undefined;
-
-/** A broker's connection that does not watch the stream yet; it ends when the last stream leaves. */
-function shared(where: BrokerUrl, stream: string): { broker: Promise<Broker>; leave(): void } {
-  let number = 0, key = '';
-  do key = `${number++} ${where.base} ${where.token}`;
-  while (brokers.get(key)?.streams.has(stream));
-  const { broker, streams } = brokers.get(key) ?? { broker: connect(where.base, { token: where.token }), streams: new Set<string>() };
-  brokers.set(key, { broker, streams: streams.add(stream) });
-  return {
-    broker,
-    leave: () => {
-      streams.delete(stream);
-      if (streams.size > 0) return;
-      brokers.delete(key);
-      void broker.then((one) => one.close(), () => {});
-    },
-  };
-}
 
 export class EigencastView extends HTMLElement {
   static readonly observedAttributes = ['src', 'colour', 'still', 'preview'];

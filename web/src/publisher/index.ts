@@ -2,6 +2,7 @@
 /** `eigencast/publisher`: sends poses of a surface that the broker holds. */
 import { compiled, type ConnectOptions } from '../client/client.js';
 import { READERS, readControl, writeControl, type Fields } from '../client/control.js';
+import { defaults } from '../client/defaults.js';
 import { surroundings, type Environment } from '../client/environment.js';
 import { Events } from '../client/events.js';
 import { failureOfClose, failureOfHandshake } from '../client/refusal.js';
@@ -192,8 +193,8 @@ export class Publisher extends Events<PublisherEvents> {
 /** A stream by its URL, such as https://host/lab/ball. Throws EigencastError (invalid-argument, not-found, ...). */
 export async function publish(url: string, { asset, error, keyRateHz = 30, token, core, writer, environment: given }: PublishOptions): Promise<Publisher> {
   const environment = surroundings(given), { broker, stream } = await locatedUrl(url, token, environment);
-  const load = async (module: ConnectOptions['core'], name: string): Promise<Core> => Core.make(await compiled(module ?? new URL(name, import.meta.url), environment));
-  const [reading, writing] = await Promise.all([load(core, './eigencast-core.wasm'), load(writer, './eigencast-writer.wasm')]);
+  const load = async (module: NonNullable<ConnectOptions['core']>): Promise<Core> => Core.make(await compiled(module, environment));
+  const [reading, writing] = await Promise.all([load(core ?? defaults.core), load(writer ?? defaults.writer)]);
   const answer = await environment.fetch(endpoint(broker, `/v1/assets/${asset}`, '', 'http'));
   if (!answer.ok) throw new EigencastError(answer.status === 404 ? 'not-found' : 'refused', `asset ${asset}: ${broker.base} answered ${answer.status}`);
   const reader = new AssetReader(reading, asset, new Uint8Array(await answer.arrayBuffer()));

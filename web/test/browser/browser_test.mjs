@@ -294,17 +294,6 @@ test('ElementsShowStreamsInPagesOfOtherOrigins', async () => {
   await itsSite.stop();
 });
 
-test('WhatTheManualSaysWorks', async () => {
-  const open = await programs.broker(0, '--access-origins=*');
-  programs.ring(open, 'lab/horse');
-  const manual = readFileSync(join(ROOT, 'docs/web.md'), 'utf8').replaceAll('https://host', `http://127.0.0.1:${open.port}`);
-  const [, html] = /^```html\n(.*?)^```/ms.exec(manual), [, js] = /^```js\n(.*?)^```/ms.exec(manual);
-  const page = (body) => `<!doctype html><html lang="en"><title>a page of one's own</title><body>${body}</body></html>`;
-  const own = await startSite(open.port, { pages: { '/element': page(html), '/program': page('<canvas></canvas><script type="module" src="/own.js"></script>'), '/own.js': js }, hasPolicy: false });
-  for (const path of ['/element', '/program']) await onPage(own.url + path, (tab) => tab.until(`${CLAY} > 500`, 150_000));
-  await own.stop();
-});
-
 test('PagesPublishWhatOthersSee', async () => {
   const code = `
     import { connect } from '/v1/web/eigencast.js';

@@ -27,7 +27,7 @@ export async function startSite(port, { pages = {}, prefix = '', hasPolicy = tru
     if (!isProxy && !path.startsWith('/v1/') && (pages[path] || !/^application\/json$/.test(request.headers.accept))) {
       const up = '../'.repeat(path.split('/').length - 2) || './';
       const html = pages[path] ?? readFileSync(join(BUILD, 'page.html'), 'utf8').replaceAll('{web}', `${up}v1/web/`);
-      response.writeHead(200, { 'content-type': TYPES[extname(path)] ?? TYPES['.html'], ...(hasPolicy ? { 'content-security-policy': POLICY(request.headers.host) } : {}) });
+      response.writeHead(200, { 'content-type': TYPES[extname(path)] ?? TYPES['.html'], ...(hasPolicy ? { 'content-security-policy': POLICY(request.headers.host) } : { 'access-control-allow-origin': '*' }) });
       return response.end(html);
     }
     const asked = httpRequest({ port, path: request.url.slice(prefix.length), method: request.method, headers: request.headers }, (answer) => {

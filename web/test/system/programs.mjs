@@ -68,6 +68,17 @@ export class Programs {
     sender.stdin.write(Buffer.from(Float32Array.from(posed).buffer));
     return sender;
   }
+  /** A live ball of 1,500 points that is stretched in its pose, without colours. */
+  cloud(broker, name) {
+    const file = join(this.folder, `cloud${++this.#names}.xyz`), points = Array.from({ length: 1500 }, (_, i) => {
+      const y = 1 - (2 * i + 1) / 1500, r = Math.sqrt(1 - y * y), turn = 2.399963 * i;
+      return [r * Math.cos(turn), y, r * Math.sin(turn)];
+    });
+    writeFileSync(file, points.map((point) => point.join(' ')).join('\n'));
+    const sender = this.#spawn('eigencast-sender', ['pipe', '--mesh', file, '--rank', '24', '--to', `ws://127.0.0.1:${broker.port}/${name}`], 'pipe');
+    sender.stdin.write(Buffer.from(Float32Array.from(points.flatMap(([x, y, z]) => [1.2 * x, y, z])).buffer));
+    return sender;
+  }
   stop() {
     for (const child of this.#children) child.kill('SIGKILL');
     rmSync(this.folder, { recursive: true, force: true, maxRetries: 5 });
