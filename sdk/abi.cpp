@@ -7,6 +7,7 @@
 
 #include "common/asset/asset.h"
 #include "common/core/clock.h"
+#include "common/spectral/known_motion.h"
 #include "common/surface/checks/check.h"
 #include "sdk/asset_cache.h"
 #include "sdk/asset_folder.h"
@@ -84,6 +85,19 @@ Result<std::optional<Appearance>> appearance_from(const ec_appearance* given, co
   return std::optional(std::move(made));
 }
 
+/// The poses as a motion, which they must outlive.
+KnownMotion motion_from(const ec_bake_options& given, std::size_t vertices) {
+  const auto pose = [all = given.poses, vertices](std::size_t i) -> Result<std::vector<Vec3>> {
+    std::vector<Vec3> positions(vertices);
+    for (std::size_t v = 0; v < vertices; ++v) {
+      const float* from = all + 3 * (i * vertices + v);
+      positions[v] = {from[0], from[1], from[2]};
+    }
+    return positions;
+  };
+  return {{}, given.poses != nullptr ? given.pose_count : 0, pose, given.pose_rate_hz};
+}
+
 }  // namespace
 
 ec_status abi::failed(const Error& error) {
@@ -135,6 +149,12 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     if (!solver) return invalid("ec_bake: the solver must be lanczos or spectra");
     bake_options.solver = *solver;
     bake_options.name = text_or(given.name, {});
+    const int asks = (given.quality != 0) + (given.target_error != 0) + (given.bitrate != 0);
+    if ((given.rank > 0) + asks > 1) return invalid("ec_bake: give one of rank, quality, target_error and bitrate");
+    const KnownMotion samples = motion_from(given, vertex_count);
+    bake_options.samples = &samples;
+    if (asks > 0 || (given.rank == 0 && samples.poses > 1))
+      bake_options.wish = BakeWish{given.quality != 0 ? given.quality : 1, given.target_error, given.bitrate / 1000};
     if (given.rank > 0) bake_options.rank = static_cast<int>(std::min<std::uint32_t>(given.rank, 1u << 20));
     BakeProgress progress;
     if (given.progress != nullptr) {
@@ -168,7 +188,7 @@ ec_status ec_asset_load(const char* folder, const char* id, ec_asset** asset) {
 ec_status ec_asset_save(const ec_asset* asset, const char* folder) {
   return guarded([&] {
     if (asset == nullptr || folder == nullptr) return invalid("ec_asset_save: asset or folder is null");
-    const auto written = write_asset(*asset->encoded, folder);
+    const auto written = write_asset(*asset->encoded, asset->asset->coding_error, folder);
     return written ? EC_OK : failed(written.error());
   });
 }

@@ -1,16 +1,28 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/asset_folder.h"
 
+#include <cstdlib>
 #include <filesystem>
+#include <string>
 #include <string_view>
 #include <utility>
 
 #include "common/asset/format/reader.h"
 #include "common/core/files.h"
+#include "common/core/text.h"
 #include "common/wire/limits.h"
 
 namespace eigencast {
 namespace fs = std::filesystem;
+namespace {
+
+constexpr std::uint64_t kMaxCodingBytes = 64;
+
+std::string coding_path(const std::string& folder, const Sha256& id) {
+  return (fs::path(folder) / (id.hex() + ".coding")).string();
+}
+
+}  // namespace
 
 Result<Bytes> read_object(const std::string& folder, const Sha256& id) {
   auto bytes = read_bytes((fs::path(folder) / id.hex()).string(), limits::kMaxAssetObjectBytes);
@@ -20,7 +32,7 @@ Result<Bytes> read_object(const std::string& folder, const Sha256& id) {
                                       "one that its bake gave?");
 }
 
-Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder) {
+Result<void> write_asset(const EncodedAsset& encoded, double coding_error, const std::string& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::kIo, folder + ": cannot be made: " + error.message());
@@ -30,6 +42,10 @@ Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder)
   };
   for (const AssetObject& chunk : encoded.chunks) {
     if (auto written = write(chunk); !written) return written;
+  }
+  if (coding_error > 0) {
+    const auto path = coding_path(folder, encoded.manifest.id);
+    if (auto written = write_file_atomically(path, formatted("%.17g\n", coding_error)); !written) return written;
   }
   return write(encoded.manifest);
 }
@@ -54,7 +70,14 @@ Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<B
 }
 
 Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id) {
-  return assemble_asset(id, [&](const Sha256& object) { return read_object(folder, object); });
+  auto whole = assemble_asset(id, [&](const Sha256& object) { return read_object(folder, object); });
+  if (!whole) return whole;
+  if (const auto text = read_file(coding_path(folder, id), kMaxCodingBytes)) {
+    char* end = nullptr;
+    const double error = std::strtod(text->c_str(), &end);
+    if (*end == '\n' && error > 0 && error <= whole->asset.diagonal()) whole->asset.coding_error = error;
+  }
+  return whole;
 }
 
 }  // namespace eigencast

@@ -32,6 +32,7 @@
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake_parts.h"
+#include "sdk/rank_trial.h"
 
 namespace eigencast {
 namespace {
@@ -43,6 +44,10 @@ constexpr double kMinSize = 1e-15, kMaxSize = 1e15;
 
 constexpr std::size_t kPosesOfLevels = 6;             // more change little
 constexpr std::size_t kMaxPosedVertices = 1'200'000;  // of all those poses: 100 bytes each
+// Columns that a trial chooses from, and for errors that these do not reach; of surfaces of millions as without one.
+constexpr int kTrialRank = 300, kLastRank = 512, kRankOfMillions = 200;
+constexpr std::size_t kTrialVertices = 300'000;
+constexpr double kTrialBytes = 16'000;  // of each vertex that it judges by
 constexpr double kProgramBytes = 35e6;
 constexpr double kKernelBytes =
     12'000;  // of a point: the heat kernel's pairs, matrix and factor; 9 KB at 42,000 points
@@ -116,7 +121,27 @@ Result<void> check_detail(const BakeOptions& options) {
                                                "the basis 'harmonic'");
 }
 
+Result<void> check_wish(const BakeOptions& options) {
+  if (!options.wish) return {};
+  const auto& [quality, error, kbit_per_s] = *options.wish;
+  if (!(quality > 0 && error >= 0 && kbit_per_s >= 0 && std::isfinite(quality + error + kbit_per_s)))
+    return fail(ErrorCode::kInvalidArgument, "a quality, target error or bit rate that is not a number above 0");
+  if (detail_of(options) == DetailKind::kNone) return {};
+  return fail(ErrorCode::kInvalidArgument,
+              "a rank is chosen by what the basis alone shows, without detail: name the rank, or take no detail");
+}
+
+/// So many columns that a trial has a choice, but what memory there is holds.
+int trial_rank(std::size_t vertices, BakeOptions options) {
+  if (is_of_columns(options.basis)) return static_cast<int>(limits::kMaxRows);
+  if (vertices > kTrialVertices) return kRankOfMillions;
+  options.rank = kTrialRank;
+  while (options.rank > kRankOfMillions && bake_bytes(vertices, options) > usable_memory()) options.rank -= 50;
+  return options.rank;
+}
+
 Result<void> check_options(const Surface& surface, const BakeOptions& options) {
+  if (auto wish = check_wish(options); !wish) return wish;
   if (auto basis = check_basis(options); !basis) return basis;
   if (auto points = check_points_operator(surface, options); !points) return points;
   if (auto detail = check_detail(options); !detail) return detail;
@@ -147,7 +172,7 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
 
 /// Errors: those of the motion's poses.
 Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>> poses,
-                      const PlannedAppearance& appearance, const BakeOptions& options) {
+                      const PlannedAppearance& appearance, const BakeOptions& options, const SamplePoses* samples) {
   Bytes head;
   ByteWriter out(head);
   out.text("eigencast bake");
@@ -164,6 +189,11 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   if (options.solver != EigenSolver::kLanczos) out.text(kSolverNames[options.solver]);
   out.u64(surface.positions.size());
   out.u64(surface.faces.size());
+  if (samples != nullptr) {
+    const auto& [quality, error, kbit_per_s] = *options.wish;
+    for (const double value : {quality, error, kbit_per_s, samples->rate_hz}) out.f64(value);
+    for (const std::size_t end : samples->run_ends) out.u64(end);
+  }
   Sha256Stream stream;
   stream.update(head);
   const auto view = [](const auto& values) {
@@ -172,6 +202,9 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   stream.update(view(surface.positions));
   stream.update(view(surface.faces));
   for (const auto& pose : poses) stream.update(view(pose));
+  if (samples != nullptr)
+    stream.update({reinterpret_cast<const std::uint8_t*>(samples->positions.data()),
+                   static_cast<std::size_t>(samples->positions.size()) * sizeof(double)});
   if (!appearance.colours.empty()) stream.update(view(appearance.colours));
   if (appearance.texture) {
     stream.update(view(appearance.texture->low));
@@ -191,14 +224,14 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   return stream.finish();
 }
 
-Vec3 centroid_of(const Surface& surface, const Basis& basis) {
+Vec3 centroid_of(const Surface& surface, const Eigen::VectorXd& mass, double area) {
   Vec3 sum{};
   for (std::size_t i = 0; i < surface.positions.size(); ++i) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      sum[axis] += basis.mass[static_cast<Eigen::Index>(i)] * surface.positions[i][axis];
+      sum[axis] += mass[static_cast<Eigen::Index>(i)] * surface.positions[i][axis];
     }
   }
-  for (double& value : sum) value /= basis.area;
+  for (double& value : sum) value /= area;
   return sum;
 }
 
@@ -253,7 +286,7 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   asset.mass.resize(n);
   for (std::size_t row = 0; row < n; ++row) asset.mass[row] = static_cast<float>(basis.mass[order.order[row]]);
   asset.area = basis.area;
-  asset.origin = centroid_of(surface, basis);
+  asset.origin = centroid_of(surface, basis.mass, basis.area);
   asset.rest = rest_coefficients(surface, basis, asset.origin);
   const Box box = bounding_box(surface.positions);
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -347,18 +380,42 @@ class OrderToCome {
   std::future<Result<PrefixOrder>> order_;
 };
 
+Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const BakeOptions& options,
+                       const BasisTrial* trial, const Progress& progress) {
+  if (!is_of_motion(options.basis))
+    return build_basis(surface, laplacian, {options.basis, options.rank, options.solver}, progress, trial);
+  auto basis = build_motion_basis(surface, laplacian, *options.motion, options.rank, progress);
+  if (!basis || trial == nullptr) return basis;
+  const auto cut = cut_by_trial(*basis, *trial);
+  return cut ? std::move(basis) : cut.error();
+}
+
+/// samples: of a wish, else null.
 Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vector<Vec3>> poses,
-                               const PlannedAppearance& appearance, const BakeOptions& options, const Stages& stages) {
+                               const PlannedAppearance& appearance, BakeOptions options, const SamplePoses* samples,
+                               const Stages& stages) {
   const TimeUs start = steady_now_us();
+  BakeResult result;
   if (!stages.at(0.01, "operator")) return cancelled("operator");
   auto laplacian = build_laplacian(surface, {.delaunay = options.delaunay, .points = options.points_operator});
   if (!laplacian) return laplacian.error();
   OrderToCome order_to_come(surface, poses, appearance);
   const Progress solving = stages.within(kLaplacianDone, kBasisDone);
-  auto basis = is_of_motion(options.basis)
-                   ? build_motion_basis(surface, *laplacian, *options.motion, options.rank, solving)
-                   : build_basis(surface, *laplacian, {options.basis, options.rank, options.solver}, solving);
+  BasisTrial trial;
+  if (samples != nullptr) {
+    trial.vertices = samples->vertices;
+    trial.choose = [&](std::span<const OfferedBasis> offers) -> Result<BasisShape> {
+      if (!stages.at(kBasisDone, "trying ranks")) return cancelled("trying ranks");
+      auto tried = try_ranks(offers, *laplacian, bounding_box(surface.positions).diagonal(),
+                             centroid_of(surface, laplacian->mass, laplacian->area), *samples, *options.wish);
+      if (!tried) return tried.error();
+      result.trial = std::move(*tried);
+      return BasisShape{result.trial->chosen.rank, result.trial->chosen.products};
+    };
+  }
+  auto basis = basis_of(surface, *laplacian, options, samples != nullptr ? &trial : nullptr, solving);
   if (!basis) return basis.error();
+  if (samples != nullptr) options.rank = static_cast<int>(basis->Psi.cols());
   do {
     if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
   } while (!order_to_come.is_there_within(std::chrono::milliseconds(100)));
@@ -374,9 +431,12 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
     exact.detail = detail_from(detail, exact, surface, normals, encoding);
   auto encoded = encode_asset(exact, encoding);
   if (!encoded) return encoded.error();
-  BakeResult result;
   if (const auto good = store(result.asset, decode_asset(*encoded)); !good)
     return in_context("the asset just encoded cannot be decoded", good.error());
+  if (result.trial) {
+    settle_coding(*result.trial, result.asset, *laplacian, *samples);
+    result.asset.coding_error = result.trial->chosen.coding * result.asset.diagonal();
+  }
   result.encoded = std::move(*encoded);
   result.certified = basis->certified;
   result.approximate = basis->approximate;
@@ -384,6 +444,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
   result.report = report_of(result, {surface, poses.size(), options, *laplacian, *basis, seconds,
                                      bake_bytes(surface.vertex_count(), options)});
+  if (result.trial) result.report += text_of(*result.trial) + '\n';
   result.report += appearance.report;
   return result;
 }
@@ -398,7 +459,8 @@ double bake_bytes(std::size_t vertices, const BakeOptions& options) {
     columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
   if (detail_of(options) != DetailKind::kNone) columns += 2.0 * options.rank;  // as integers, and while coded
   const double of_poses = options.motion != nullptr && vertices <= kMaxPosedVertices ? 250.0 * kPosesOfLevels : 0;
-  return kProgramBytes +
+  const double of_trial = options.wish ? kTrialBytes * static_cast<double>(std::min(vertices, kMaxJudges)) : 0;
+  return kProgramBytes + of_trial +
          static_cast<double>(vertices) * (8 * columns + of_poses + (uses_kernel(options) ? kKernelBytes : 0));
 }
 
@@ -411,20 +473,35 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   const Stages stages(progress);
   if (!stages.at(0, "checking")) return cancelled("checking");
   if (auto valid = validate_surface(surface); !valid) return valid.error();
-  if (auto checked = check_options(surface, options); !checked) return checked.error();
+  BakeOptions to_do = options;
+  if (options.wish) to_do.rank = trial_rank(surface.vertex_count(), options);
+  if (auto checked = check_options(surface, to_do); !checked) return checked.error();
+  std::optional<SamplePoses> samples;
+  if (options.wish) {
+    auto sampled = sample_poses(surface, options.samples != nullptr ? options.samples : options.motion);
+    if (!sampled) return sampled.error();
+    samples = std::move(*sampled);
+  }
+  const SamplePoses* judges = samples ? &*samples : nullptr;
   const PlannedAppearance appearance = planned_appearance(surface, options.appearance);
   const AssetCache cache(cache_dir);
   const std::vector<std::vector<Vec3>> poses = poses_of_levels(surface, options.motion);
-  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, poses, appearance, options);
+  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, poses, appearance, to_do, judges);
   if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
-      if (auto found = load_bake(cache, *key)) {
+      if (auto found = load_bake(cache, *key, options.wish)) {
         stages.at(1, "found in the cache");
         return std::move(*found);
       }
     }
-    auto result = bake_afresh(surface, poses, appearance, options, stages);
+    auto result = bake_afresh(surface, poses, appearance, to_do, judges, stages);
+    // More columns may do. (Fewer than asked for are all that the surface has.)
+    if (result && result->trial && !result->trial->is_met() && !result->trial->is_rate &&
+        result->trial->chosen.rank == kTrialRank && to_do.rank == kTrialRank) {
+      to_do.rank = kLastRank;
+      if (check_options(surface, to_do)) result = bake_afresh(surface, poses, appearance, to_do, judges, stages);
+    }
     if (!result) return result;
     if (!cache_dir.empty()) {
       // Minutes of work are not thrown away because a disk is full.

@@ -14,12 +14,13 @@
 #include "common/spectral/known_motion.h"
 #include "common/surface/appearance.h"
 #include "common/surface/surface.h"
+#include "sdk/rank_trial.h"
 
 namespace eigencast {
 
 struct BakeOptions {
   BasisKind basis = BasisKind::kAugmented;
-  int rank = 200;    ///< r (default: 200).
+  int rank = 200;    ///< r (default: 200), without a wish.
   std::string name;  ///< Names the surface to people.
   /// What rounding the basis may move a vertex by (rms, of the diagonal) in a motion as large as those of animations.
   /// 0: columns of 32-bit floats, an asset five to ten times as large.
@@ -36,6 +37,10 @@ struct BakeOptions {
   /// Meshes take the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
   bool delaunay = false;
   EigenSolver solver = EigenSolver::kLanczos;  ///< Solves augmented and harmonic bases.
+  /// Chooses r, the groups of products and the coding by a trial on sample poses: `samples`, else `motion`, else
+  /// deformations of the rest pose. Up to 300 columns; 512 for an error that these do not reach.
+  std::optional<BakeWish> wish = std::nullopt;
+  const KnownMotion* samples = nullptr;  ///< Must outlive the bake.
 };
 DetailKind detail_of(const BakeOptions& options);
 
@@ -49,6 +54,7 @@ struct BakeResult {
   bool certified = false;    ///< All eigenvectors are there, and are to the residual. (A motion's bases have none.)
   bool approximate = false;  ///< They are approximations, of a surface of more than 150,000 vertices.
   double residual = 0;
+  std::optional<RankTrial> trial;  ///< Of a wish.
   /// Why it could not be kept in the cache, which the bake does without; empty: it was, or had not to be.
   std::string not_kept;
   std::string report;  ///< For people: what check_surface found, rank used, seconds taken.

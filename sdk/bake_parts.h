@@ -43,8 +43,12 @@ Asset::Detail detail_from(DetailKind kind, const Asset& asset, const Surface& su
 std::vector<GeometricError> level_errors_of(const Asset& asset, const Surface& surface,
                                             std::span<const std::vector<Vec3>> poses);
 
-/// What was baked before under `key`, whole and verified.
-std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key);
+/// What was baked before under `key`, for `wish`, whole and verified.
+std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key, const std::optional<BakeWish>& wish);
+
+/// Chooses the coding again with the basis as the asset has it, rounded: what is chosen then is the last point.
+///   asset  complete, of the trial's rank
+void settle_coding(RankTrial& trial, const Asset& asset, const Laplacian& laplacian, const SamplePoses& poses);
 
 Result<void> store_bake(const AssetCache& cache, const Sha256& key, const BakeResult& result);
 

@@ -12,7 +12,7 @@
 namespace eigencast {
 namespace {
 
-constexpr std::uint8_t kRecordVersion = 2;
+constexpr std::uint8_t kRecordVersion = 3;
 
 Bytes record_from(const BakeResult& result) {
   Bytes bytes;
@@ -25,12 +25,19 @@ Bytes record_from(const BakeResult& result) {
   out.f64(result.residual);
   out.varint(result.report.size());
   out.text(result.report);
+  out.u8(result.trial && result.trial->is_made ? 1 : 0);
+  out.varint(result.trial ? result.trial->points.size() : 0);
+  for (const TrialPoint& p : result.trial ? result.trial->points : std::vector<TrialPoint>()) {
+    out.u32(static_cast<std::uint32_t>(p.rank));
+    out.u32(static_cast<std::uint32_t>(p.products));
+    for (const double value : {p.coding, p.error, p.kbit_per_s}) out.f64(value);
+  }
   return bytes;
 }
 
 }  // namespace
 
-std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key) {
+std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key, const std::optional<BakeWish>& wish) {
   const auto record = cache.load_record(key);
   if (!record) return std::nullopt;
   ByteReader in(*record);
@@ -43,7 +50,15 @@ std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key) 
   result.approximate = in.u8() != 0;
   result.residual = in.f64();
   const ByteView report = in.bytes(in.varint());
-  if (!in.finished()) return std::nullopt;
+  const bool is_made = in.u8() != 0;
+  std::vector<TrialPoint> points;
+  for (std::uint64_t left = in.varint(); left > 0 && !in.failed(); --left) {
+    TrialPoint& p = points.emplace_back();
+    p.rank = static_cast<int>(in.u32());
+    p.products = static_cast<int>(in.u32());
+    for (double* value : {&p.coding, &p.error, &p.kbit_per_s}) *value = in.f64();
+  }
+  if (!in.finished() || points.empty() == wish.has_value()) return std::nullopt;
   result.report.assign(report.begin(), report.end());
 
   auto whole = assemble_asset(id, [&](const Sha256& object) -> Result<Bytes> {
@@ -52,6 +67,11 @@ std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key) 
   });
   if (!whole) return std::nullopt;
   result.asset = std::move(whole->asset);
+  if (wish) {
+    result.trial = choose(std::move(points), *wish, is_made);
+    result.trial->chosen = result.trial->points.back();
+    result.asset.coding_error = result.trial->chosen.coding * result.asset.diagonal();
+  }
   result.encoded = std::move(whole->encoded);
   result.from_cache = true;
   return result;

@@ -67,7 +67,8 @@ Result<std::vector<double>> PoseProjection::project_scalars(std::span<const floa
 }
 
 double error_bound(const PublisherOptions& options, const Asset& asset) {
-  return options.error > 0 ? options.error : kDefaultErrorOverDiagonal * asset.diagonal();
+  if (options.error > 0) return options.error;
+  return asset.coding_error > 0 ? asset.coding_error : kDefaultErrorOverDiagonal * asset.diagonal();
 }
 
 StreamFormat format_of(const PublisherOptions& options, const Asset& asset) {

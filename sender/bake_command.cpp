@@ -6,15 +6,10 @@
 
 #include "sdk/asset_folder.h"
 #include "sender/commands.h"
+#include "sender/evaluate.h"
 
 namespace eigencast {
 namespace {
-
-nlohmann::json json_from(const RankChoice& choice) {
-  nlohmann::json tried = nlohmann::json::array();
-  for (const auto& [rank, error] : choice.tried) tried.push_back({{"rank", rank}, {"rms_over_diagonal", error}});
-  return {{"rms_over_diagonal", choice.chosen.error}, {"tried", tried}};
-}
 
 nlohmann::json json_from(const std::vector<GeometricError>& errors) {
   nlohmann::json levels = nlohmann::json::array();
@@ -40,7 +35,7 @@ std::string json_from(const Source& source) {
                            {"residual", baked.residual},
                            {"from_cache", baked.from_cache},
                            {"findings", source.findings}};
-  if (source.rank_choice) report["rank_choice"] = json_from(*source.rank_choice);
+  if (baked.trial) report["trial"] = json_from(*baked.trial);
   return report.dump(2);
 }
 
@@ -60,7 +55,7 @@ int run(const BakeCommand& command, const Console& console, Interrupt& interrupt
   const BakeResult& baked = source->baked;
   if (command.json != "-") print(baked);
   if (!command.out_dir.empty()) {
-    if (const auto written = write_asset(baked.encoded, command.out_dir); !written)
+    if (const auto written = write_asset(baked.encoded, baked.asset.coding_error, command.out_dir); !written)
       return report_failure(written.error());
   }
   return end_with_report(command.json, json_from(*source));

@@ -30,8 +30,9 @@ eigencast-sender deform heart --script twist --to http://broker:7490/heart     #
 eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to http://broker:7490/dragon
 eigencast-sender replay show.ecrec --to http://broker:7490/show --from 60
 eigencast-sender bake scan.ply --rank 300
-eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # as many coefficients as that takes
+eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # the basis of the fewest bits for that
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
+eigencast-sender evaluate clip.npy --sweep                             # what each rank costs, and why one is chosen
 eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json
 eigencast-sender export fox.glb --to fox.mdd
 eigencast-sender context add studio https://broker.example --token "$TOKEN"
@@ -177,6 +178,12 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
           2u, 10'000u)
       ->capture_default_str()
       ->needs(again);
+  evaluate
+      ->add_flag("--sweep", command.sweep,
+                 "print the curve of bits and error that the rank is chosen from (tools/plot_evaluation.py draws it of "
+                 "the report)")
+      ->excludes(evaluate->get_option("--rank"));
+  evaluate->get_option("--bitrate")->excludes(evaluate->get_option("--rank"));
   evaluate->add_option("--json", command.json, "write a report")->check(output_path(check_output_file));
 }
 
@@ -184,6 +191,7 @@ void add_commands(CLI::App& app, Settings& s) {
   CLI::App* bake = app.add_subcommand("bake", "Turn a surface into a streamable asset (cached by content)");
   runs(*bake, s, s.bake);
   add_source_options(*bake, s.bake.source);
+  bake->get_option("--bitrate")->excludes(bake->get_option("--rank"));
   bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder")
       ->check(output_path(check_output_folder));
   bake->add_option("--json", s.bake.json, "write a report")->check(output_path(check_output_file));
@@ -268,6 +276,9 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
                           : app.got_subcommand("deform") ? &s.deform.target
                           : app.got_subcommand("replay") ? &s.replay.target
                                                          : nullptr;
+  s.play.target.bitrate_kbit = s.play.source.bitrate_kbit;
+  s.pipe.target.bitrate_kbit = s.pipe.source.bitrate_kbit;
+  s.deform.target.bitrate_kbit = s.deform.source.bitrate_kbit;
   if (target == nullptr) return {};
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();

@@ -25,7 +25,7 @@ struct TargetOptions {
   std::string context;  ///< Empty: the current one.
   std::string codec = "quantised";
   double error = 0;         ///< Model units; 0: the publisher's default.
-  double bitrate_kbit = 0;  ///< 0: as the error bound takes.
+  double bitrate_kbit = 0;  ///< As of SourceOptions; 0: as the error bound takes.
   double still_s = 0;       ///< Heartbeat of still surfaces; 0: every pose is sent.
 };
 
@@ -90,6 +90,7 @@ struct EvaluateCommand {
   double rate_hz = 30;         ///< For kbit/s.
   bool again = false;          ///< With these:
   AgainOptions again_options;
+  bool sweep = false;  ///< Print the curve of error and rate that the rank is chosen of.
   std::string json;
 };
 

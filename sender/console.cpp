@@ -81,11 +81,11 @@ void ProgressLine::finish() {
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened) {
   ProgressLine line(console.progress, interrupt);
-  auto source = options.target_error > 0 ? bake_for_target(options, std::ref(line))
-                                         : bake_source(options, std::ref(line), std::move(opened));
+  auto source = bake_source(options, std::ref(line), std::move(opened));
   line.finish();
   if (!source) return source;
-  if (source->rank_choice) spdlog::info("{}", source->rank_choice->text(options.target_error));
+  if (const auto& trial = source->baked.trial)
+    spdlog::log(trial->is_met() ? spdlog::level::info : spdlog::level::warn, "{}", text_of(*trial));
   if (!source->baked.not_kept.empty()) spdlog::warn("the bake is not kept: {}", source->baked.not_kept);
   for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
   for (const std::string& finding : source->findings) spdlog::warn("{}", finding);

@@ -14,7 +14,7 @@
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/checks/jumps.h"
 #include "common/surface/vector.h"
-#include "common/wire/envelope.h"
+#include "sdk/rank_trial.h"
 #include "sender/clip_coefficients.h"
 #include "sender/order_check.h"
 
@@ -25,12 +25,6 @@ constexpr TimeUs kKeyInterval = 33'333;
 constexpr std::size_t kStillPoses = 60;  // two seconds
 constexpr double kCoarsest = 8;
 constexpr int kBisections = 8;
-
-/// With the envelope of an even stream, and WebSocket's header from server to client.
-std::size_t wire_bytes(std::size_t payload) {
-  const std::size_t message = payload + Envelope::kKeyBytes;
-  return message + (message < 126 ? 2 : message < 65'536 ? 4 : 10);
-}
 
 /// What `act` gives; how long that took goes to `ns`.
 template <typename Act>
@@ -81,7 +75,7 @@ class KeyCoder {
     ++keys_.frames;
     keys_.recalled += coded->phase ? 1 : 0;
     keys_.payload_bytes += coded->payload.size();
-    keys_.wire_bytes += wire_bytes(coded->payload.size());
+    keys_.wire_bytes += key_message_bytes(coded->payload.size());
     return {};
   }
   const std::optional<ChainState>& state() const { return state_; }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -76,6 +77,8 @@ struct Evaluation {
   std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
 };
 
+nlohmann::json json_from(const RankTrial& trial);
+
 /// The vertex error (model units) that quantising all coefficients of a pose with steps of `step` leaves, where one
 /// step of one coefficient moves the surface by step x diagonal (rms): eps = (step diagonal / 2) sqrt(r), by Parseval.
 double eps_from_step(const Asset& asset, double step);
@@ -90,12 +93,14 @@ struct EvaluatedRow {
   double diagonal = 0;
   std::uint64_t asset_bytes = 0;
   double eps = 0;  ///< As asked for, model units.
+  std::optional<RankTrial> trial;
   Evaluation evaluation;
 };
 
 struct EvaluatedClip {
   std::string input, codec;
   double rate_hz = 30;
+  bool sweep = false;  ///< State each row's trial.
   std::vector<EvaluatedRow> rows;
 };
 

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <functional>
 #include <nlohmann/json.hpp>
 
 #include "common/core/text.h"
-#include "sdk/publisher.h"
+#include "sdk/pose_projection.h"
 #include "sender/commands.h"
 #include "sender/console.h"
 #include "sender/evaluate.h"
@@ -80,6 +81,7 @@ json json_from(const EvaluatedRow& row, double rate_hz) {
                 {"encode_us_p50", us_p50(e.keys.encode_ns)},
                 {"decode_us_p50", us_p50(e.keys.decode_ns)}};
   if (e.again) value["again"] = json_from(*e.again, e.keys, row.diagonal, rate_hz);
+  if (row.trial) value["trial"] = json_from(*row.trial);
   return value;
 }
 
@@ -122,11 +124,23 @@ std::string notes_on_again(const EvaluatedRow& row, double rate_hz) {
       a.in_all_kbit_per_s(row.evaluation.keys, rate_hz), us_p50(a.recalled.encode_ns), us_p50(a.recalled.decode_ns));
 }
 
+/// No other way has fewer bits and less error.
+std::string curve_of(const RankTrial& trial) {
+  std::string text = text_of(trial) + "\n  kbit/s     error     r products   coding\n";
+  std::vector<TrialPoint> front = front_of(trial.points);
+  if (std::find(front.begin(), front.end(), trial.chosen) == front.end()) front.push_back(trial.chosen);
+  for (const TrialPoint& p : front) {
+    text += formatted("%s %6.1f  %8.2e  %4d %8d %8.2e\n", p == trial.chosen ? ">" : " ", p.kbit_per_s, p.error, p.rank,
+                      p.products, p.coding);
+  }
+  return text;
+}
+
 /// Vertex errors that quantising may add, model units.
 std::vector<double> errors_of(const EvaluateCommand& command, const Asset& asset) {
   std::vector<double> errors = command.errors;
   for (const double step : command.steps) errors.push_back(eps_from_step(asset, step));
-  if (errors.empty()) errors.push_back(kDefaultErrorOverDiagonal * asset.diagonal());
+  if (errors.empty()) errors.push_back(error_bound({}, asset));
   return errors;
 }
 
@@ -146,6 +160,8 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
   SourceOptions options = command.source;
   options.basis = basis;
   options.rank = rank;
+  if (command.sweep && options.target_error == 0 && options.quality == 0 && options.bitrate_kbit == 0)
+    options.quality = 1;
   // Among several bases those that hold the rest pose have nothing to bring back.
   if (command.bases.size() > 1 && !leaves_detail(basis)) options.detail.clear();
   const auto source = bake_with_progress(options, console, interrupt);
@@ -163,12 +179,34 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
     }
     evaluation->findings.insert(evaluation->findings.begin(), source->findings.begin(), source->findings.end());
     rows.push_back({asset.basis_kind, std::string(name_of(detail_of(asset))), asset.rank, asset.diagonal(),
-                    source->baked.encoded.total_bytes(), eps, std::move(*evaluation)});
+                    source->baked.encoded.total_bytes(), eps, source->baked.trial, std::move(*evaluation)});
   }
   return {};
 }
 
+json json_from(const TrialPoint& point) {
+  return {{"rank", point.rank},
+          {"products", point.products},
+          {"error_over_diagonal", point.coding},
+          {"rms_over_diagonal", point.error},
+          {"wire_kbit_per_s", point.kbit_per_s}};
+}
+
 }  // namespace
+
+json json_from(const RankTrial& trial) {
+  json points = json::array(), front = json::array();
+  for (const TrialPoint& point : trial.points) points.push_back(json_from(point));
+  for (const TrialPoint& point : front_of(trial.points)) front.push_back(json_from(point));
+  return {{"chosen", json_from(trial.chosen)},
+          {"asked", trial.asked},
+          {"is_rate", trial.is_rate},
+          {"is_met", trial.is_met()},
+          {"made_poses", trial.is_made},
+          {"why", text_of(trial)},
+          {"front", front},
+          {"points", points}};
+}
 
 std::string table_of(const EvaluatedClip& clip) {
   const std::size_t frames = clip.rows.empty() ? 0 : clip.rows.front().evaluation.total.poses;
@@ -185,6 +223,7 @@ std::string table_of(const EvaluatedClip& clip) {
   for (const EvaluatedRow& row : clip.rows) {
     text += notes_on(row);
     if (row.evaluation.again) text += notes_on_again(row, clip.rate_hz);
+    if (clip.sweep && row.trial) text += curve_of(*row.trial);
   }
   return text;
 }
@@ -205,9 +244,9 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   const auto codec = codec_from_name(command.codec);
   if (!codec) return report_failure(codec.error());
   if (const auto usable = check_bases(command); !usable) return report_failure(usable.error());
-  EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, {}};
+  EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, command.sweep, {}};
   for (const BasisKind basis : command.bases) {
-    for (const int rank : command.source.target_error > 0 ? std::vector{0} : command.ranks) {
+    for (const int rank : command.ranks) {
       const auto done = evaluate_basis(command, basis, rank, *codec, console, interrupt, clip.rows);
       if (!done) return report_failure(done.error());
     }

@@ -75,10 +75,22 @@ void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions&
                           ->check(CLI::Range(4, 4096))
                           ->delimiter(',');
   CLI::Option* target = app.add_option("--target-error", source.target_error,
-                                       "instead of --rank: as many as leave this rms error, of the diagonal")
+                                       "instead of --rank: the fewest bits at this rms error of basis and coding, of "
+                                       "the diagonal")
                             ->check(CLI::Range(1e-9, 1.0))
                             ->excludes(rank);
-  app.add_option("--poses", source.poses, "clip that --target-error is judged by (default: the input)")->needs(target);
+  app.add_option("--quality", source.quality,
+                 "likewise: at the error of 200 coefficients that are coded to within 1e-3, divided by this")
+      ->check(CLI::Range(0.01, 100.0))
+      ->excludes(rank)
+      ->excludes(target);
+  app.add_option(
+         "--bitrate", source.bitrate_kbit,
+         "likewise: the least error at this many kbit/s; streams keep to it by coarser levels, then fewer bands")
+      ->check(positive());
+  app.add_option("--poses", source.poses,
+                 "clip that bases are judged by (default: the input; of a single pose: deformations of it)")
+      ->excludes(rank);
 }
 
 void add_asset_options(CLI::App& app, SourceOptions& source) {
@@ -154,8 +166,6 @@ void add_target_options(CLI::App& app, TargetOptions& target) {
 
 void add_coding_options(CLI::App& app, TargetOptions& target) {
   add_codec_options(app, target.codec, target.error);
-  app.add_option("--bitrate", target.bitrate_kbit, "kbit/s to keep to: coarser levels, then fewer bands")
-      ->check(positive());
   app.add_option("--still", target.still_s,
                  "while the surface rests (within 1.5 --error), send it only every so many seconds")
       ->check(CLI::Range(0.1, 3600.0));

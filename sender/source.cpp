@@ -34,6 +34,32 @@ int rank_of(const SourceOptions& options) {
   return is_of_columns(options.basis) ? static_cast<int>(limits::kMaxRows) : 200;
 }
 
+/// Nothing: the rank is named, or what it is without a wish.
+std::optional<BakeWish> wish_of(const SourceOptions& options) {
+  if (options.rank > 0) return std::nullopt;
+  if (options.target_error > 0) return BakeWish{1, options.target_error, 0};
+  if (options.quality > 0) return BakeWish{options.quality, 0, 0};
+  if (options.bitrate_kbit > 0) return BakeWish{1, 0, options.bitrate_kbit};
+  return options.poses.empty() ? std::optional<BakeWish>() : BakeWish{};
+}
+
+/// The clip of options.poses, whose poses are in the mesh's order of vertices; null: none is named.
+Result<std::unique_ptr<MotionClip>> open_poses(const SourceOptions& options, const Surface& mesh,
+                                               std::string& finding) {
+  if (options.poses.empty()) return std::unique_ptr<MotionClip>();
+  constexpr std::size_t kChecked = 24;
+  SourceOptions poses = options;
+  poses.input = options.poses;
+  poses.rest.clear();
+  poses.faces.clear();
+  auto clip = open_source(poses);
+  if (!clip) return clip;
+  auto misfit = check_frames(mesh, **clip, sample_frames((*clip)->frame_count(), kChecked), options.any_order);
+  if (!misfit) return in_context(options.poses, misfit.error());
+  finding = std::move(*misfit);
+  return clip;
+}
+
 /// Refuses before the bake what the check of all poses would refuse after it.
 Result<void> check_order(const MotionClip& clip, JumpFinder& mesh, bool any_order) {
   constexpr std::size_t kPoses = 5;
@@ -105,6 +131,11 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   JumpFinder mesh(rest);
   if (const auto accepted = check_order(*clip, mesh, options.any_order); !accepted)
     return in_context(options.input, accepted.error());
+  std::string finding;
+  const auto poses = open_poses(options, rest, finding);
+  if (!poses) return poses.error();
+  const MotionClip& samples = *poses != nullptr ? **poses : *clip;
+  const KnownMotion judges = motion_of(samples);
   KnownMotion motion;
   if (options.basis == BasisKind::kRig) {
     auto columns = columns_from_rig(*clip->rig());
@@ -131,6 +162,8 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
                            options.points_operator};
   bake_options.delaunay = options.delaunay;
   bake_options.solver = options.solver;
+  bake_options.wish = wish_of(options);
+  bake_options.samples = &judges;
   if (!options.detail.empty()) {
     const auto detail = detail_from_name(options.detail);
     if (!detail) return detail.error();
@@ -143,7 +176,9 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
   Source source{std::move(opened.clip), std::move(*baked)};
-  if (const std::string finding = mesh.rest_finding(); !finding.empty()) source.findings.push_back(finding);
+  for (const std::string& line : {mesh.rest_finding(), finding}) {
+    if (!line.empty()) source.findings.push_back(line);
+  }
   return source;
 }
 

@@ -26,7 +26,10 @@ struct SourceOptions {
   double sample_rate_hz = 30;  ///< Samples formats that state curves instead of poses.
   BasisKind basis = BasisKind::kAugmented;
   EigenSolver solver = EigenSolver::kLanczos;  ///< Solves augmented and harmonic bases.
-  int rank = 0;                                ///< 0: 200; of pca 50; of rig and cage all columns that there are.
+  int rank = 0;  ///< 0: by the wish; without one 200, of pca 50, of rig and cage all columns that there are.
+  // Wishes, see BakeWish; the first that is not 0 holds, where no rank is named.
+  double target_error = 0, quality = 0, bitrate_kbit = 0;
+  std::string poses;                  ///< Clip that bases are judged by (default: the input).
   std::optional<double> asset_error;  ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
   PointsOperator points_operator = PointsOperator::kLocalDelaunay;  ///< See BakeOptions.
   bool delaunay = false;                                            ///< Likewise.
@@ -34,20 +37,7 @@ struct SourceOptions {
   CageOptions cage;                                                 ///< Builds the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
-  double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.
-  std::string poses;        ///< Clip that it is judged by (default: the input).
-  bool any_order = false;   ///< Take poses whose vertices certainly are in another order than the faces'.
-};
-
-struct TriedRank {
-  int rank = 0;      ///< That it has; less than asked for where the surface has too few vertices.
-  double error = 0;  ///< Rms error that it leaves on the sample poses, over the diagonal.
-};
-
-struct RankChoice {
-  TriedRank chosen;
-  std::vector<TriedRank> tried;           ///< In order of rank.
-  std::string text(double target) const;  ///< What was chosen and why, in a line.
+  bool any_order = false;  ///< Take poses whose vertices certainly are in another order than the faces'.
 };
 
 /// Null: nothing is open.
@@ -60,8 +50,7 @@ struct OpenedSource {
 struct Source {
   std::unique_ptr<MotionClip> clip;
   BakeResult baked;
-  std::optional<RankChoice> rank_choice = {};  ///< Where a target decided it.
-  std::vector<std::string> findings = {};      ///< Suspicious things about the mesh or its poses, a line each.
+  std::vector<std::string> findings = {};  ///< Suspicious things about the mesh or its poses, a line each.
 };
 
 /// A path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
@@ -78,19 +67,7 @@ KnownMotion motion_of_cage(const deform::Deformer& cage);
 Result<void> check_basis(BasisKind basis, const MotionClip& clip);
 
 /// Errors: those of open_source, check_basis, cage_of, bind_cage and bake; kInvalidArgument (the mesh, or most of a few
-/// poses of the clip, certainly are in another order of vertices than the faces).
+/// poses of the clip, or of options.poses, certainly are in another order of vertices than the faces).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
-
-/// A small rank whose error is not above `target`: ranks are doubled until one does, then what lies between is
-/// searched, where errors fall as powers of the rank, until a sixteenth is left. Each try is a bake.
-/// Errors: those of error_of; kInvalidArgument where the largest rank, or that of the surface, does not do.
-Result<RankChoice> choose_rank(double target, int largest, const std::function<Result<TriedRank>(int rank)>& error_of);
-/// Over the diagonal, on at most 24 sample poses. Errors: the clip's; kInvalidArgument (another number of vertices).
-Result<double> error_on_samples(const Asset& asset, const MotionClip& clip);
-
-/// Bakes as bake_source, with the rank that options.target_error takes on options.poses or, without, the input. Errors:
-/// those of bake_source; kInvalidArgument: the largest rank does not do, no poses to judge by, or they are in another
-/// order.
-Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress& progress);
 
 }  // namespace eigencast

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """Draws a report of `eigencast-sender evaluate --json REPORT`: error by frame, rank, bit rate and level of detail, where there are two
-points or more. Needs python3-matplotlib.
+points or more, and the bits and errors of which a rank was chosen. Needs python3-matplotlib.
 
     tools/plot_evaluation.py REPORT FOLDER
 """
@@ -14,14 +14,16 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 
-def draw(path, title, x_label, y_label, lines, log_x=True):
-    """lines: points (x, y) by name"""
+def draw(path, title, x_label, y_label, lines, log_x=True, mark=None):
+    """lines: points (x, y) by name; mark: a point that is set apart, and its name"""
     lines = {name: sorted(points) for name, points in lines.items() if len({x for x, _ in points}) > 1}
     if not lines:
         return
     figure, axes = plt.subplots(figsize=(10, 6), layout="constrained")
     for name, points in lines.items():
         axes.plot(*zip(*points), marker="o" if len(points) <= 40 else "", label=name)
+    if mark:
+        axes.plot(*mark[0], marker="*", markersize=18, color="black", linestyle="", label=mark[1])
     axes.set(title=title, xlabel=x_label, ylabel=y_label, yscale="log", xscale="log" if log_x else "linear")
     axes.grid(alpha=0.3)
     axes.legend()
@@ -57,6 +59,26 @@ def main():
          by(rows, basis, lambda row: row["wire_kbit_per_s"]))
     draw(folder / "error_by_level.png", f"Level of detail: {clip}", "fraction of the vertices", "Hausdorff / diagonal",
          {coded(row): [(level["lod"], level["hausdorff_over_diagonal"]) for level in row["levels"]] for row in rows})
+
+    for row in rows:
+        if "trial" in row:
+            sweep(folder / f"sweep_{row['basis'].replace('/', '_')}.png", clip, row["trial"])
+
+
+def sweep(path, clip, trial):
+    def point(p):
+        return p["wire_kbit_per_s"], p["rms_over_diagonal"]
+
+    def name(p):
+        return f"r = {p['rank']}" + (f", {p['products']} groups of products" if p["products"] else "")
+
+    lines = {}
+    for p in trial["points"]:
+        lines.setdefault(name(p), []).append(point(p))
+    chosen = trial["chosen"]
+    asked = f"{trial['asked']:.1f} kbit/s" if trial["is_rate"] else f"{trial['asked']:.2e}"
+    draw(path, f"Error and rate on sample poses: {clip}", "kbit/s with headers", "rms / diagonal", lines,
+         mark=(point(chosen), f"chosen for {asked}: {name(chosen)}, coded to within {chosen['error_over_diagonal']:.1e}"))
 
 
 if __name__ == "__main__":

@@ -122,6 +122,10 @@ struct Asset : AssetFacts {
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< n or nothing: of the vertices, sRGB.
   std::shared_ptr<const AssetTexture> texture;       ///< Null where there is none, and until all chunks are there.
 
+  /// What quantising may move vertices by (rms, model units) for the wish that it was baked for; 0: none. A sender's
+  /// affair: known where it was baked, found in the cache, or read from a folder.
+  double coding_error = 0;
+
   std::uint32_t rows_ready = 0;   ///< Vertices whose rows, map and mass have arrived and were verified.
   std::uint32_t faces_ready = 0;  ///< Faces with death < rows_ready, all there.
 

@@ -9,7 +9,6 @@
 #include "common/core/worker_team.h"
 #include "common/spectral/eigenbasis.h"
 #include "common/spectral/multilevel.h"
-#include "common/spectral/panels.h"
 
 namespace eigencast {
 namespace {
@@ -52,7 +51,7 @@ Eigen::MatrixXd orthonormal_affine(const Eigen::VectorXd& root_mass, const Eigen
 /// Chooses columns in order by a Cholesky factorisation of their Gram matrix; skips dependent ones.
 class Selection {
  public:
-  Selection(Eigen::MatrixXd gram, int rank) : gram_(std::move(gram)), R_(Eigen::MatrixXd::Zero(rank, rank)) {}
+  Selection(const Eigen::MatrixXd& gram, int rank) : gram_(gram), R_(Eigen::MatrixXd::Zero(rank, rank)) {}
 
   const std::vector<Eigen::Index>& chosen() const { return chosen_; }
 
@@ -78,7 +77,7 @@ class Selection {
   }
 
  private:
-  Eigen::MatrixXd gram_;
+  const Eigen::MatrixXd& gram_;
   Eigen::MatrixXd R_;
   std::vector<Eigen::Index> chosen_;
 };
@@ -136,9 +135,9 @@ struct Selected {
   Eigen::Index harmonics_offered = 0;  // the constant not counted
 };
 
-Selected select(const CandidateColumns& columns, int K, int rank, double dependent) {
-  const Eigen::Index affine = columns.affine, harmonics = columns.harmonics;
-  Selection selection(gram(columns.panels), rank);
+Selected select(const Eigen::MatrixXd& gram, Eigen::Index affine, Eigen::Index harmonics, int K, int rank,
+                double dependent) {
+  Selection selection(gram, rank);
   for (Eigen::Index i = 0; i < affine; ++i) selection.offer(i, 0);
   Eigen::Index next = 0;
   const auto offer_harmonics = [&](std::size_t until) {
@@ -180,19 +179,42 @@ Candidates candidates_from(std::span<const Vec3> rest, const Eigen::VectorXd& ma
   return candidates;
 }
 
-Eigen::MatrixXd augment(Candidates& from, int K, int rank) {
+Augmentation::Augmentation(Candidates& from, int K) : panels_(0) {
   CandidateColumns columns = candidate_columns(from, K);
-  const Eigen::Index n = from.harmonics.rows();
   from.harmonics.resize(0, 0);
-  const Selection selection = select(columns, K, rank, kDependent).selection;
+  affine_ = columns.affine;
+  harmonics_ = columns.harmonics;
+  panels_ = std::move(columns.panels);
+  gram_ = gram(panels_);
+}
+
+Eigen::Index Augmentation::columns(int k, int rank) const {
+  return static_cast<Eigen::Index>(select(gram_, affine_, harmonics_, k, rank, kDependent).selection.chosen().size());
+}
+
+Eigen::MatrixXd Augmentation::rows(int k, int rank, std::span<const std::uint32_t> vertices) const {
+  const Selection selection = select(gram_, affine_, harmonics_, k, rank, kDependent).selection;
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(vertices.size()),
+                       static_cast<Eigen::Index>(selection.chosen().size()));
+  for (Eigen::Index j = 0; j < rows.cols(); ++j) {
+    for (Eigen::Index i = 0; i < rows.rows(); ++i)
+      rows(i, j) = panels_.at(vertices[static_cast<std::size_t>(i)], selection.chosen()[static_cast<std::size_t>(j)]);
+  }
+  const Eigen::MatrixXd R = selection.R();
+  R.triangularView<Eigen::Upper>().solveInPlace<Eigen::OnTheRight>(rows);
+  return rows;
+}
+
+Eigen::MatrixXd Augmentation::take(int k, int rank) {
+  const Selection selection = select(gram_, affine_, harmonics_, k, rank, kDependent).selection;
   const auto chosen = static_cast<Eigen::Index>(selection.chosen().size());
-  Panels Q = zero_panels(n, chosen);
+  Panels Q = zero_panels(panels_.rows(), chosen);
   for_panels(Q.count(), [&](Eigen::Index panel) {
     for (Eigen::Index j = panel * kWidth; j < std::min(chosen, (panel + 1) * kWidth); ++j) {
-      copy_column(columns.panels, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
+      copy_column(panels_, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
     }
   });
-  columns.panels.drop_from(0);
+  panels_.drop_from(0);
   Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(Q.columns(), Q.columns());
   turn.topLeftCorner(chosen, chosen) =
       selection.R().triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(chosen, chosen));
@@ -219,7 +241,10 @@ int harmonics_on_coarser(std::span<const Vec3> rest, const Laplacian& laplacian,
   Candidates candidates = candidates_from(positions, coarse.mass);
   candidates.harmonics = std::move(eigenbasis->Phi);
   candidates.harmonics.array().colwise() *= coarse.mass.cwiseSqrt().array();
-  return 1 + static_cast<int>(select(candidate_columns(candidates, K), K, rank, kDependentOnCoarser).harmonics_offered);
+  const CandidateColumns columns = candidate_columns(candidates, K);
+  const Eigen::MatrixXd products = gram(columns.panels);
+  return 1 + static_cast<int>(
+                 select(products, columns.affine, columns.harmonics, K, rank, kDependentOnCoarser).harmonics_offered);
 }
 
 }  // namespace eigencast

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <span>
 
 #include "common/spectral/laplacian.h"
+#include "common/spectral/panels.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -24,9 +26,25 @@ struct Candidates {
 /// Returns all but the harmonics.
 Candidates candidates_from(std::span<const Vec3> rest, const Eigen::VectorXd& mass);
 
-/// The orthonormal columns of an augmented basis of `rank` (see build_basis), with products of phi_2 to phi_K. Fewer
-/// than `rank` where the harmonics do not suffice. Frees from.harmonics.
-Eigen::MatrixXd augment(Candidates& from, int K, int rank);
+/// Candidates as columns, with products of phi_2 to phi_K, and their Gram matrix: augmented bases (see build_basis) are
+/// chosen from them. All k <= K.
+class Augmentation {
+ public:
+  /// Frees from.harmonics.
+  Augmentation(Candidates& from, int K);
+
+  /// Columns of a basis of `rank` with products of phi_2 to phi_k: fewer than that where the harmonics do not suffice.
+  Eigen::Index columns(int k, int rank) const;
+  /// Its rows of some vertices, times M^{1/2}; orthonormal over all vertices but for rounding.
+  Eigen::MatrixXd rows(int k, int rank, std::span<const std::uint32_t> vertices) const;
+  /// The whole of it, orthonormal. Frees the candidates.
+  Eigen::MatrixXd take(int k, int rank);
+
+ private:
+  Panels panels_;
+  Eigen::Index affine_, harmonics_;  ///< Columns; all others are products.
+  Eigen::MatrixXd gram_;
+};
 
 /// How many harmonics such a basis takes, with the constant, estimated on a coarser surface of some thousand vertices.
 /// May be wrong; 0 where there is no coarser surface.

@@ -11,9 +11,9 @@
 namespace eigencast {
 namespace {
 
-/// Groups of products phi_k * (x0, y0, z0). At 200 columns ten groups are best on large smooth surfaces (elephant,
-/// human) and twenty on small rough ones (horse, fox); with ten both stay below the stated error (docs/performance.md).
-constexpr int kMaxGroups = 10;
+/// Groups of products phi_k * (x0, y0, z0), without a trial and at most: ten are best on large smooth surfaces
+/// (elephant, human), twenty on small rough ones (horse, fox).
+constexpr int kGroups = 10, kMaxGroups = 20;
 constexpr Eigen::Index kWorthPredicting = 20000;  // vertices
 constexpr double kSolveShare = 0.85;              // of the time, for progress
 
@@ -29,9 +29,21 @@ Basis basis_from(const Laplacian& laplacian, const Eigenbasis& eigenbasis, Eigen
   return basis;
 }
 
+/// Errors: those of the trial.
+Result<BasisShape> try_groups(const Augmentation& augmentation, int K, int max_K, int rank, const BasisTrial& trial,
+                              const Eigen::VectorXd& root_mass) {
+  std::vector<OfferedBasis> offers;
+  for (const int k : {K, max_K}) {
+    if (!offers.empty() && k == K) continue;
+    OfferedBasis& offer = offers.emplace_back(OfferedBasis{k, augmentation.rows(k, rank, trial.vertices)});
+    offer.rows.array().colwise() /= root_mass(trial.vertices).array();
+  }
+  return trial.choose(offers);
+}
+
 Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, int rank, EigenSolver solver,
-                              const Progress& progress) {
-  const int K = std::clamp(rank / 10, 1, kMaxGroups);
+                              const Progress& progress, const BasisTrial* trial) {
+  const int K = std::clamp(rank / 10, 1, kGroups), max_K = trial ? std::clamp(rank / 10, K, kMaxGroups) : K;
   const Eigen::VectorXd root_mass = laplacian.mass.cwiseSqrt();
   Candidates candidates = candidates_from(rest.positions, laplacian.mass);
 
@@ -57,11 +69,19 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
     if (progress && !progress(done, "augmenting")) {
       return fail(ErrorCode::kCancelled, "stopped while augmenting the basis");
     }
-    Eigen::MatrixXd Q = augment(candidates, std::min(K, m), rank);
-    if (Q.cols() < rank && m < limit && 2 * (m + 1) < laplacian.mass.size()) {
-      m = std::min(limit, m + std::max<int>(rank - static_cast<int>(Q.cols()), rank / 8));
+    Augmentation augmentation(candidates, std::min(max_K, m));
+    BasisShape shape{rank, std::min(K, m)};
+    const auto columns = static_cast<int>(augmentation.columns(shape.products, rank));
+    if (columns < rank && m < limit && 2 * (m + 1) < laplacian.mass.size()) {
+      m = std::min(limit, m + std::max<int>(rank - columns, rank / 8));
       continue;
     }
+    if (trial != nullptr) {
+      const auto chosen = try_groups(augmentation, shape.products, std::min(max_K, m), rank, *trial, root_mass);
+      if (!chosen) return chosen.error();
+      shape = *chosen;
+    }
+    Eigen::MatrixXd Q = augmentation.take(shape.products, shape.rank);
     Q.array().colwise() /= root_mass.array();
     return basis_from(laplacian, *eigenbasis, std::move(Q));
   }
@@ -76,8 +96,17 @@ Result<BasisKind> basis_from_name(std::string_view name) {
   return fail(ErrorCode::kInvalidArgument, "there is no basis '" + std::string(name) + "'; known: " + known);
 }
 
+Result<void> cut_by_trial(Basis& basis, const BasisTrial& trial) {
+  const OfferedBasis whole{0, basis.Psi(trial.vertices, Eigen::all)};
+  const auto chosen = trial.choose({&whole, 1});
+  if (!chosen) return chosen.error();
+  basis.Psi.conservativeResize(Eigen::NoChange, chosen->rank);
+  if (basis.rms.size() > 0) basis.rms.conservativeResize(chosen->rank);
+  return {};
+}
+
 Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options,
-                          const Progress& progress) {
+                          const Progress& progress, const BasisTrial* trial) {
   assert(options.kind == BasisKind::kAugmented || options.kind == BasisKind::kHarmonic);
   const Eigen::Index n = laplacian.mass.size();
   if (static_cast<Eigen::Index>(rest.vertex_count()) != n) {
@@ -93,10 +122,16 @@ Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const
   const Eigen::Index least = options.kind == BasisKind::kAugmented ? std::min<Eigen::Index>(4, n) : 1;
   const int rank = static_cast<int>(std::min<Eigen::Index>(options.rank, std::max<Eigen::Index>(least, n / 2 - 1)));
   try {
-    if (options.kind == BasisKind::kAugmented) return build_augmented(rest, laplacian, rank, options.solver, progress);
+    if (options.kind == BasisKind::kAugmented) {
+      return build_augmented(rest, laplacian, rank, options.solver, progress, trial);
+    }
     auto eigenbasis = solve_eigenbasis(laplacian, rank, progress, options.solver);
     if (!eigenbasis) return eigenbasis.error();
-    return basis_from(laplacian, *eigenbasis, std::move(eigenbasis->Phi));
+    Basis basis = basis_from(laplacian, *eigenbasis, std::move(eigenbasis->Phi));
+    if (trial != nullptr) {
+      if (const auto cut = cut_by_trial(basis, *trial); !cut) return cut.error();
+    }
+    return basis;
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, "not enough memory for a basis of " + std::to_string(n) + " x " +
                                           std::to_string(rank) + ": lower the rank, or simplify the surface");

@@ -2,7 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
+#include <functional>
 #include <span>
+#include <vector>
 
 #include "common/spectral/basis_options.h"
 #include "common/spectral/eigenbasis.h"
@@ -27,12 +30,31 @@ struct Basis {
   double left_out = 0;  ///< Share of the poses' extent (as of KG, weighted by area) that the basis does not hold.
 };
 
+/// A basis to choose a prefix of: its values at the vertices of a trial.
+struct OfferedBasis {
+  int products = 0;      ///< Groups of products phi_k (x0, y0, z0), phi_1 counted: see build_basis; 0: it has none.
+  Eigen::MatrixXd rows;  ///< N x R
+};
+struct BasisShape {
+  int rank = 0;      ///< 1 to R.
+  int products = 0;  ///< That of an offer.
+};
+struct BasisTrial {
+  std::vector<std::uint32_t> vertices;  ///< N, at which bases are judged.
+  /// Chooses among the offers and their prefixes. Its errors end the build.
+  std::function<Result<BasisShape>(std::span<const OfferedBasis>)> choose;
+};
+
+/// Keeps the columns that the trial chooses; left_out stays that of all. Errors: the trial's.
+Result<void> cut_by_trial(Basis& basis, const BasisTrial& trial);
+
 /// kHarmonic: the r lowest manifold harmonics. kAugmented (docs/maths.md): 1, x0, y0, z0, then seven harmonics and
 /// three products phi_k * (x0, y0, z0) by turns, orthonormalised in that order, so that every prefix is a basis and
 /// every affine image of the rest pose is exact. Harmonics replace dependent columns (relative residual below 1e-2).
-/// Errors: kInvalidArgument, kNumerical, kCancelled.
+/// There are up to ten groups, the constant's counted; a trial is offered ten and twenty of up to options.rank columns.
+/// Errors: kInvalidArgument, kNumerical, kCancelled; those of the trial.
 Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options,
-                          const Progress& progress = {});
+                          const Progress& progress = {}, const BasisTrial* trial = nullptr);
 
 /// A basis for a known motion: the constant, x0, y0, z0, so that every affine image of the rest pose is exact; then
 /// M-orthonormal columns, each prefix the best of its length:

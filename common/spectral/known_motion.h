@@ -36,6 +36,7 @@ struct KnownMotion {
   std::size_t poses = 0;
   /// Pose i (n x 3); may read a file and fail as MotionClip::pose does.
   std::function<Result<std::vector<Vec3>>(std::size_t)> pose;
+  double rate_hz = 30;  ///< Poses a second; 30 where that is not between 0.1 and 1000.
 
   std::size_t samples() const { return std::min(poses, kMaxSamples); }
   Result<std::vector<Vec3>> sample(std::size_t i) const { return pose(i * poses / samples()); }
@@ -43,7 +44,8 @@ struct KnownMotion {
 
 /// The poses of a clip, which must outlive the result.
 inline KnownMotion motion_of(const MotionClip& clip, SpanningColumns columns = {}) {
-  return {std::move(columns), clip.frame_count(), [&clip](std::size_t i) { return clip.pose(i); }};
+  return {std::move(columns), clip.frame_count(), [&clip](std::size_t i) { return clip.pose(i); },
+          clip.frame_rate_hz()};
 }
 
 }  // namespace eigencast

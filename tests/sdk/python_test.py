@@ -78,6 +78,19 @@ class Package(unittest.TestCase):
         self.assertRegex(self.asset.id, "^[0-9a-f]{64}$")
         self.assertFalse(self.asset.from_cache)
 
+    def test_a_rank_is_chosen_for_a_wish(self):
+        poses = numpy.stack([self.positions * [1, 1 + 0.01 * t, 1] for t in range(12)])  # affine: the fewest columns do
+        for wish in ({}, {"quality": 2}):
+            with self.subTest(wish=wish):
+                self.assertEqual(eigencast.bake(self.positions, self.faces, cache_dir="", poses=poses, **wish).rank, 25)
+        for wish in ({"target_error": 1e-2}, {"bitrate": 20_000}):
+            self.assertGreaterEqual(eigencast.bake(self.positions, self.faces, cache_dir="", poses=poses, **wish).rank, 25)
+        self.assertGreaterEqual(eigencast.bake(self.positions, self.faces, cache_dir="", quality=0.5).rank, 25)
+        self.assert_refused("INVALID_ARGUMENT", eigencast.bake, self.positions, self.faces, cache_dir="", rank=40, quality=1)
+        self.assert_refused("INVALID_ARGUMENT", eigencast.bake, self.positions, self.faces, cache_dir="", quality=-1)
+        with self.assertRaisesRegex(ValueError, r"\(T, 256, 3\)"):
+            eigencast.bake(self.positions, self.faces, cache_dir="", poses=poses[:, 1:])
+
     def test_an_asset_is_saved_and_loaded(self):
         folder = pathlib.Path(self.folder.name) / "saved"
         self.asset.save(folder)

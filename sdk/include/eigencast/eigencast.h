@@ -95,7 +95,8 @@ typedef struct ec_appearance {
 typedef struct ec_bake_options {
   size_t struct_size;
   const char* basis; /**< "augmented" or "harmonic" (default: "augmented"). */
-  uint32_t rank;     /**< Coefficients per axis (default: 200; less on surfaces too small for that). */
+  uint32_t rank;     /**< Coefficients per axis (default: by a trial where there are poses or a wish, else 200; less
+                        on surfaces too small for that). */
   const char* name;  /**< Of the surface, for people (default: ""). */
   const char*
       cache_dir; /**< Where results are kept and found again; "" for nowhere (default: the user's cache folder). */
@@ -103,6 +104,15 @@ typedef struct ec_bake_options {
   void* user;                      /**< Handed to `progress`. */
   const ec_appearance* appearance; /**< Colours and texture (default: none). */
   const char* solver;              /**< "lanczos" or "spectra", which is for small surfaces (default: "lanczos"). */
+  /* Without a rank: what the basis, and the error of publishers that state none, are chosen for. At most one. */
+  double quality; /**< The fewest bits at the error of 200 coefficients coded to within 1e-3 of the diagonal, divided
+                          by this (default: 1 where there are poses). */
+  double target_error; /**< The fewest bits at this rms vertex error of basis and coding together, over the diagonal. */
+  double bitrate;      /**< The least error at so many bits a second. */
+  const float* poses;  /**< pose_count x vertex_count x 3: an example of the motion, to choose by (default: deformations
+                          of the surface). */
+  uint32_t pose_count;
+  double pose_rate_hz; /**< Poses a second (default: 30). */
 } ec_bake_options;
 
 typedef struct ec_asset_info {
@@ -156,8 +166,8 @@ typedef struct ec_scalar {
 typedef struct ec_publisher_options {
   size_t struct_size;
   const char* codec;  /**< "quantised", "float32" or "float64" (default: "quantised"). */
-  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 1e-3 of the
-                         surface's diagonal). */
+  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: that of the
+                         asset's trial, else 1e-3 of the surface's diagonal). */
   double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
   double bitrate; /**< Bits a second to keep to, by coarser levels, then fewer bands (default: as the error takes). */
   int64_t still_heartbeat_us; /**< While the surface stands still, send it only so often (default: every pose). */

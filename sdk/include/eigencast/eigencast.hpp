@@ -3,6 +3,7 @@
 
 #include <eigencast/eigencast.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -47,12 +48,15 @@ struct Appearance {
 
 struct BakeOptions {
   std::string basis = "augmented";                         ///< or "harmonic"
-  std::uint32_t rank = 200;                                ///< Coefficients per axis.
+  std::uint32_t rank = 0;                                  ///< Coefficients per axis; 0: see ec_bake_options.
   std::string name = {};                                   ///< Of the surface, for people.
   std::optional<std::string> cache_dir = {};               ///< Empty text: nowhere (default: the user's cache folder).
   std::function<bool(double, const char*)> progress = {};  ///< Fraction and stage; return false to cancel.
   std::optional<Appearance> appearance = {};               ///< Colours and texture.
   std::string solver = "lanczos";                          ///< or "spectra", for small surfaces
+  double quality = 0, target_error = 0, bitrate = 0;       ///< Without a rank: see ec_bake_options.
+  std::span<const float> poses = {};                       ///< An example of the motion: 3 per vertex and pose.
+  double pose_rate_hz = 30;
 };
 
 /// A surface that can be streamed. Cheap to copy: copies share it. Thread-safe: immutable.
@@ -69,6 +73,15 @@ class Asset {
     c_options.name = options.name.c_str();
     c_options.solver = options.solver.c_str();
     c_options.cache_dir = options.cache_dir ? options.cache_dir->c_str() : nullptr;
+    c_options.quality = options.quality;
+    c_options.target_error = options.target_error;
+    c_options.bitrate = options.bitrate;
+    if (!positions.empty() && options.poses.size() % positions.size() != 0)
+      throw std::invalid_argument("Asset::bake: poses are not 3 per vertex each");
+    c_options.poses = options.poses.data();
+    c_options.pose_count =
+        static_cast<std::uint32_t>(options.poses.size() / std::max<std::size_t>(positions.size(), 1));
+    c_options.pose_rate_hz = options.pose_rate_hz;
     if (options.progress) {
       c_options.progress = [](void* user, double fraction, const char* stage) {
         return static_cast<const BakeOptions*>(user)->progress(fraction, stage) ? 0 : 1;
@@ -144,7 +157,7 @@ struct Scalar {
 
 struct PublisherOptions {
   std::string codec = "quantised";      ///< or "float32", "float64"
-  double error = 0;                     ///< Vertex error of quantising, model units; 0: 1e-3 of the surface's diagonal.
+  double error = 0;                     ///< Vertex error of quantising, model units; 0: see ec_publisher_options.
   double key_rate_hz = 30;              ///< Intended poses a second.
   double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
   std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.

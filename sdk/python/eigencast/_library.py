@@ -54,7 +54,8 @@ class Appearance(Sized):
 
 class BakeOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("basis", c_char_p), ("rank", c_uint32), ("name", c_char_p), ("cache_dir", c_char_p),
-                ("progress", PROGRESS), ("user", c_void_p), ("appearance", POINTER(Appearance)), ("solver", c_char_p)]
+                ("progress", PROGRESS), ("user", c_void_p), ("appearance", POINTER(Appearance)), ("solver", c_char_p), ("quality", c_double),
+                ("target_error", c_double), ("bitrate", c_double), ("poses", POINTER(c_float)), ("pose_count", c_uint32), ("pose_rate_hz", c_double)]
 
 
 class AssetInfo(Sized):

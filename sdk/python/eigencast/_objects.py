@@ -82,12 +82,17 @@ def _checked(what, values, shape, dtype):
     return numpy.ascontiguousarray(rows, dtype=dtype)
 
 
-def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_dir=None, progress=None, vertex_colours=None, image=None,
-         corner_uv=None, vertex_uv=None, solver="lanczos"):
+def bake(positions, faces=None, *, rank=None, basis="augmented", name="", cache_dir=None, progress=None, vertex_colours=None, image=None,
+         corner_uv=None, vertex_uv=None, solver="lanczos", quality=None, target_error=None, bitrate=None, poses=None, pose_rate_hz=30):
     """Bakes a surface: seconds for tens of thousands of vertices, nothing when it is in the cache.
 
       positions  (n, 3)
       faces      (F, 3) vertex numbers, counter-clockwise from outside; None or empty: a point cloud
+      rank       coefficients per axis; None: 200, or chosen by a trial where there are poses or one of
+      quality      (default: 1) the fewest bits at the error of 200 coefficients coded to within 1e-3 of the diagonal, divided by this
+      target_error the fewest bits at this rms vertex error of basis and coding together, over the diagonal
+      bitrate      the least error at so many bits a second
+      poses      (T, n, 3): an example of the motion, pose_rate_hz of them a second (default: deformations of the surface)
       basis      "augmented" or "harmonic"
       solver     "lanczos", or "spectra" for small surfaces
       cache_dir  where results are kept and found again; "" for nowhere (default: the user's cache folder)
@@ -127,8 +132,14 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
             raised.append(error)
             return 1
 
-    options = _library.BakeOptions(basis=_text(basis), rank=rank, name=_text(name), cache_dir=_text(cache_dir), solver=_text(solver))
+    given = None if poses is None else numpy.ascontiguousarray(poses, dtype=numpy.float32)
+    if given is not None and given.shape[1:] != (n, 3):
+        raise ValueError(f"poses must be (T, {n}, 3), not {given.shape}")
+    options = _library.BakeOptions(basis=_text(basis), rank=rank or 0, quality=quality or 0, target_error=target_error or 0, bitrate=bitrate or 0,
+                                   pose_rate_hz=pose_rate_hz, pose_count=0 if given is None else len(given), name=_text(name), cache_dir=_text(cache_dir), solver=_text(solver))
     options.appearance = ctypes.pointer(appearance)
+    if given is not None:
+        options.poses = _pointer(given, ctypes.c_float)
     if progress is not None:
         options.progress = _library.PROGRESS(on_progress)
     handle = ctypes.c_void_p()
@@ -183,7 +194,7 @@ class Publisher(_Object):
     """Publishes one deforming surface to http://host:port/stream, and keeps doing so across lost connections; with
     http://a:7490,b:7490/stream at the next broker of the cluster.
 
-      error               root mean square vertex error that quantising may add, model units (default: 1e-3 of the diagonal)
+      error               root mean square vertex error that quantising may add, model units (default: that of the asset's trial, else 1e-3 of the diagonal)
       bitrate             bits a second to keep to (default: as the error takes)
       still_heartbeat_us  while the surface stands still, send it only so often (default: every pose)
       scalars             what rides on each vertex: a list of Scalar, or of their names

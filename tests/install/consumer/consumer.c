@@ -9,6 +9,9 @@
 AT(ec_bake_options, user, 48);
 AT(ec_bake_options, appearance, 56);
 AT(ec_bake_options, solver, 64);
+AT(ec_bake_options, quality, 72);
+AT(ec_bake_options, poses, 96);
+AT(ec_bake_options, pose_rate_hz, 112);
 AT(ec_appearance, vertex_uv, 40);
 AT(ec_asset_info, from_cache, 88);
 AT(ec_publisher_options, velocities, 88);

@@ -127,18 +127,26 @@ TEST_F(Evaluate, DetailInFramesLeavesLeast) {
 }
 
 TEST_F(Evaluate, ReportHasARowForEachLevel) {
-  EvaluatedClip clip{"torus", "quantised", 30, {}};
+  EvaluatedClip clip{"torus", "quantised", 30, true, {}};
+  const std::vector<TrialPoint> points{{60, 6, 1e-3, 2e-3, 20}, {40, 4, 1e-3, 3e-3, 12}, {20, 2, 1e-3, 9e-3, 15}};
+  const RankTrial trial = choose(points, {1, 2.5e-3, 0});
   for (const double over_diagonal : {2e-3, 1e-3}) {
     const double eps = over_diagonal * asset_.diagonal();
-    clip.rows.push_back(
-        {"augmented", "none", 60, asset_.diagonal(), 1000, eps, evaluated({CodecKind::kQuantised, eps, {1, 0.5}})});
+    clip.rows.push_back({"augmented", "none", 60, asset_.diagonal(), 1000, eps, trial,
+                         evaluated({CodecKind::kQuantised, eps, {1, 0.5}})});
   }
   const auto report = nlohmann::json::parse(report_of(clip));
   ASSERT_EQ(report["results"].size(), 2u);
   EXPECT_EQ(report["results"][1]["levels"][1]["lod"], 0.5);
   EXPECT_NEAR(report["results"][1]["error_over_diagonal"].get<double>(), 1e-3, 1e-12);
   const std::string table = table_of(clip);
-  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 2 + 4 + 2);
+  // A line of why, a head and the two points of the front for each.
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 2 + 4 + 2 + 2 * 4);
+  const auto& sweep = report["results"][0]["trial"];
+  EXPECT_EQ(sweep["points"].size(), 3u);
+  EXPECT_EQ(sweep["front"].size(), 2u);
+  EXPECT_EQ(sweep["chosen"]["rank"], 60);
+  EXPECT_TRUE(sweep["is_met"].get<bool>());
 }
 
 }  // namespace

@@ -48,6 +48,50 @@ TEST(Source, UnknownNameIsNotFound) {
   EXPECT_EQ(clip.error().code, ErrorCode::kNotFound);
 }
 
+TEST(Source, RanksOfWishesAreTried) {
+  const testing::TemporaryFolder folder;
+  ASSERT_TRUE(write_surface(make_icosphere(3), folder.file("rest.obj")));
+  SourceOptions options;
+  options.input = folder.file("rest.obj");
+  const auto plain = bake_source(options, {});
+  ASSERT_TRUE(plain);
+  EXPECT_FALSE(plain->baked.trial);
+  EXPECT_EQ(plain->baked.asset.rank, 200u);
+  options.quality = 1;
+  const auto tried = bake_source(options, {});
+  ASSERT_TRUE(tried && tried->baked.trial);
+  EXPECT_TRUE(tried->baked.trial->is_made);
+  EXPECT_TRUE(tried->baked.trial->is_met());
+  options.rank = 20;  // A named rank is taken as it is.
+  EXPECT_FALSE(bake_source(options, {})->baked.trial);
+}
+
+TEST(Source, MeshIsJudgedByGivenPoses) {
+  const testing::TemporaryFolder folder;
+  SourceOptions options;
+  options.input = "torus";
+  const auto clip = open_source(options);
+  ASSERT_TRUE(write_surface((*clip)->rest(), folder.file("rest.obj")));
+  options.input = folder.file("rest.obj");
+  options.target_error = 1e-2;
+  options.asset_error = 4e-3;  // The coding makes good what the asset's rounding takes.
+  options.poses = "torus";
+  const auto source = bake_source(options, {});
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_LE(source->baked.trial->chosen.error, 1e-2);
+  EXPECT_FALSE(source->baked.trial->is_made);
+  // What is evaluated is what was stated, basis and coding together.
+  const auto evaluation =
+      evaluate(**clip, source->baked.asset, {CodecKind::kQuantised, source->baked.asset.coding_error});
+  ASSERT_TRUE(evaluation);
+  EXPECT_LE(evaluation->total.rms, 1.001e-2);
+  EXPECT_NEAR(evaluation->total.rms, source->baked.trial->chosen.error, 1e-5);
+  options.poses = "bar";
+  const auto other = bake_source(options, {});
+  ASSERT_FALSE(other);
+  EXPECT_EQ(other.error().code, ErrorCode::kInvalidArgument);
+}
+
 SourceOptions of_basis(const std::string& input, BasisKind basis) {
   SourceOptions options;
   options.input = input;

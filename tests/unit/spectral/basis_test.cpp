@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "common/spectral/augment.h"
 #include "common/spectral/eigenbasis.h"
 #include "common/spectral/kg_error.h"
+#include "common/spectral/prefix_fit.h"
 #include "support.h"
 
 namespace eigencast {
@@ -318,13 +320,102 @@ TEST(AugmentedBasis, CoarserSurfacePredictsTheHarmonicsNeeded) {
       const auto eigenbasis = solve_eigenbasis(*laplacian, m);
       Candidates candidates = candidates_from(surface.positions, laplacian->mass);
       candidates.harmonics = laplacian->mass.cwiseSqrt().asDiagonal() * eigenbasis->Phi;
-      return augment(candidates, kProducts, kRank).cols();
+      return Augmentation(candidates, kProducts).take(kProducts, kRank).cols();
     };
     EXPECT_EQ(columns_with(predicted), kRank);
     EXPECT_LT(columns_with(predicted - 3), kRank) << "predicted more than needed: " << predicted;
   }
   const auto small = build_laplacian(make_icosphere(2));
   EXPECT_EQ(harmonics_on_coarser(make_icosphere(2).positions, *small, 2, 20), 0);
+}
+
+/// Values at some vertices.
+Eigen::MatrixXd rows_of(const Eigen::MatrixXd& Psi, const std::vector<std::uint32_t>& vertices) {
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(vertices.size()), Psi.cols());
+  for (std::size_t i = 0; i < vertices.size(); ++i) rows.row(static_cast<Eigen::Index>(i)) = Psi.row(vertices[i]);
+  return rows;
+}
+
+TEST(BasisTrial, OffersAreTheBasesThatAreBuilt) {
+  const Surface surface = make_torus(50, 25, 1.0, 0.4);
+  const auto laplacian = build_laplacian(surface);
+  ASSERT_TRUE(laplacian);
+  const std::vector<std::uint32_t> vertices{0, 7, 400, 1249};
+  for (const BasisKind kind : {BasisKind::kAugmented, BasisKind::kHarmonic}) {
+    for (const std::size_t taken : {0u, 1u}) {
+      OfferedBasis chosen;
+      const BasisTrial trial{vertices, [&](std::span<const OfferedBasis> offers) -> Result<BasisShape> {
+                               EXPECT_EQ(offers.size(), kind == BasisKind::kAugmented ? 2u : 1u);
+                               chosen = offers[std::min(taken, offers.size() - 1)];
+                               return BasisShape{120, chosen.products};
+                             }};
+      const auto basis = build_basis(surface, *laplacian, {kind, 150}, {}, &trial);
+      ASSERT_TRUE(basis) << basis.error().message;
+      ASSERT_EQ(basis->Psi.cols(), 120);
+      ASSERT_EQ(chosen.rows.cols(), 150);
+      EXPECT_LT((rows_of(basis->Psi, vertices) - chosen.rows.leftCols(120)).cwiseAbs().maxCoeff(), 1e-4);
+      EXPECT_LT(orthonormality_defect(basis->Psi, basis->mass), 1e-9);
+    }
+  }
+}
+
+TEST(BasisTrial, ItsErrorEndsTheBuild) {
+  const Surface surface = make_icosphere(3);
+  const auto laplacian = build_laplacian(surface);
+  const BasisTrial trial{
+      {0}, [](std::span<const OfferedBasis>) -> Result<BasisShape> { return fail(ErrorCode::kCancelled, "stopped"); }};
+  for (const BasisKind kind : {BasisKind::kAugmented, BasisKind::kHarmonic}) {
+    const auto basis = build_basis(surface, *laplacian, {kind, 60}, {}, &trial);
+    ASSERT_FALSE(basis);
+    EXPECT_EQ(basis.error().code, ErrorCode::kCancelled);
+  }
+}
+
+// Every prefix of the fit is the least-squares fit of that many columns, and its error that of the vertices.
+TEST(PrefixFit, PrefixesAreLeastSquaresFits) {
+  const Surface surface = make_box(6, 6, 20, {1, 1, 4});
+  const Basis basis = basis_of(surface, BasisKind::kAugmented, 60);
+  const std::vector<Vec3> pose = testing::bent(surface.positions);
+  const Eigen::MatrixXd X = matrix_from(pose);
+  const PrefixFit fit(basis.Psi, basis.mass, X, static_cast<double>(X.rows()));
+  const Eigen::VectorXd weights = basis.mass.cwiseSqrt();
+  double before = HUGE_VAL;
+  for (const int r : {1, 4, 17, 60}) {
+    const Eigen::MatrixXd C = fit.coefficients(r), left = X - basis.Psi.leftCols(r) * C;
+    EXPECT_LT((basis.Psi.leftCols(r).transpose() * weights.asDiagonal() * left).cwiseAbs().maxCoeff(), 1e-7);
+    const double squared = left.squaredNorm() / static_cast<double>(X.rows());
+    EXPECT_NEAR(fit.squared_error(C), squared, 1e-9 + 1e-6 * squared);
+    EXPECT_LE(squared, before);
+    before = squared;
+  }
+}
+
+TEST(PrefixFit, SomeVerticesEstimateTheErrorOfAll) {
+  const Surface surface = make_torus(80, 40, 1.0, 0.4);
+  const Basis basis = basis_of(surface, BasisKind::kAugmented, 100);
+  const Eigen::MatrixXd X = matrix_from(testing::bent(surface.positions));
+  std::vector<std::uint32_t> some;
+  for (std::uint32_t i = 0; i < surface.vertex_count(); i += 3) some.push_back(i);
+  const auto n = static_cast<double>(X.rows());
+  const PrefixFit all(basis.Psi, basis.mass, X, n);
+  const PrefixFit few(rows_of(basis.Psi, some), rows_of(basis.mass, some).col(0), rows_of(X, some), n);
+  for (const int r : {10, 40, 100}) {
+    const double truth = all.squared_error(all.coefficients(r));
+    EXPECT_NEAR(few.squared_error(few.coefficients(r)), truth, 0.15 * truth + 1e-12) << r;
+  }
+}
+
+// Columns that none of the vertices has anything of leave the others alone.
+TEST(PrefixFit, EmptyColumnsTakeNothing) {
+  const Surface surface = make_icosphere(3);
+  Basis basis = basis_of(surface, BasisKind::kAugmented, 20);
+  const Eigen::MatrixXd X = matrix_from(testing::bent(surface.positions));
+  const auto n = static_cast<double>(X.rows());
+  basis.Psi.col(7).setZero();
+  const PrefixFit fit(basis.Psi, basis.mass, X, n);
+  const Eigen::MatrixXd C = fit.coefficients(20);
+  EXPECT_TRUE(C.allFinite());
+  EXPECT_LT(C.row(7).cwiseAbs().maxCoeff(), 1e-3);
 }
 
 }  // namespace
