@@ -19,7 +19,7 @@ core_asset* asset_open(const uint8_t* id, const uint8_t* manifest, uint32_t size
     return web::no(fail(ErrorCode::kTooLarge, "the surface may take " + std::to_string(reader->memory_bytes()) +
                                                   " bytes of memory, more than the limit given"));
   }
-  reader->reserve();
+  if (bands == 0) reader->reserve();  // Of fewer the first chunk may do, and a manifest may lie.
   static std::uint64_t opened = 0;
   return new core_asset{std::move(*reader), ++opened};
 }

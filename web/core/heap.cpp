@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <new>
 
 extern "C" std::uint8_t __heap_base;
 
@@ -163,3 +164,15 @@ void* __libc_calloc(std::size_t count, std::size_t each) {
 }
 
 }  // extern "C"
+
+// libc++ without exceptions gives null where memory ran out, and vectors would write there.
+void* operator new(std::size_t bytes) {
+  void* given = malloc(bytes);
+  if (given == nullptr) __builtin_trap();
+  return given;
+}
+void* operator new(std::size_t bytes, std::align_val_t alignment) {
+  void* given = aligned_alloc(static_cast<std::size_t>(alignment), bytes);
+  if (given == nullptr) __builtin_trap();
+  return given;
+}

@@ -43,12 +43,12 @@ export class Arriving {
     try {
       const manifest = await this.fetcher.get({ id: this.asset, maxBytes: MAX_MANIFEST_BYTES }, (bytes) => core.sha256(bytes) === this.asset);
       if (!manifest || this.fetcher.isStopped) return;
-      if (this.isPreview) return void (await this.#showPrefix(core, manifest, grown));
+      if (this.isPreview) return void (await this.#showPrefix(core, manifest, maxBytes, grown));
       whole = new AssetReader(core, this.asset, manifest, { maxBytes });
       this.totalBytes = manifest.length;
       for (let i = 0; i < whole.chunkCount; ++i) this.totalBytes += whole.chunk(i).bytes;
       this.checkFormat(whole.facts.rank);
-      const prefix = await this.#showPrefix(core, manifest, grown);
+      const prefix = await this.#showPrefix(core, manifest, maxBytes, grown);
       while (!whole.isComplete && this.damage === '') {
         const { id, bytes } = whole.chunk(whole.next);
         const chunk = await this.fetcher.get({ id, maxBytes: bytes }, (got) => core.sha256(got) === id, whole.next === 0 ? prefix : undefined);
@@ -68,8 +68,8 @@ export class Arriving {
   }
 
   /** Returns the first bytes of the first chunk, where they are a good part of it. */
-  async #showPrefix(core: Core, manifest: Uint8Array, grown: () => void): Promise<Uint8Array | undefined> {
-    const lowest = new AssetReader(core, this.asset, manifest, { bands: 1 });
+  async #showPrefix(core: Core, manifest: Uint8Array, maxBytes: number, grown: () => void): Promise<Uint8Array | undefined> {
+    const lowest = new AssetReader(core, this.asset, manifest, { bands: 1, maxBytes });
     try {
       const { id, bytes, neededBytes } = lowest.chunk(0);
       if (!this.isPreview && 4 * neededBytes > 3 * bytes) return undefined;

@@ -6,6 +6,8 @@ import { command, part } from './parts.js';
 import type { Place } from './place.js';
 
 const EVERY_MS = 2000, MAX_PREVIEWS = 24;
+/** Of one, so that all have room in one memory of 4 GiB, whatever their manifests claim. */
+const MAX_BYTES = 160 * 2 ** 20;
 
 interface Card {
   element: HTMLElement;
@@ -87,7 +89,7 @@ export class ListPage {
     const canvas = part('canvas', { 'aria-hidden': 'true' });
     card.picture.replaceWith(canvas);
     card.picture = canvas;
-    card.stream = this.#broker.watch(name, { profile: { rate: 'raw', bands: 1 }, isPreview: true });
+    card.stream = this.#broker.watch(name, { profile: { rate: 'raw', bands: 1 }, maxBytes: MAX_BYTES, isPreview: true });
     card.view = new View(stage, canvas, card.stream);
     card.view.setStyle({ wall: false, grid: false });
     if (this.#isStill) card.view.live.isPaused = true;

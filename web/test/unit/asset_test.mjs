@@ -205,6 +205,32 @@ test('HostileAssetsOfTheFuzzerAreRefusedOrDrawable', () => {
   }
 });
 
+/** Of a liar: many vertices, in a last chunk of which nobody has a byte. */
+function liarsManifest(i) {
+  const { manifest: honest } = ASSETS[0], manifest = honest.slice(), { r, E, chunks, bytes } = manifestLayout(honest);
+  const view = new DataView(manifest.buffer), last = chunks.at(-1), tile = last.tiles.at(-1);
+  const n = Math.floor(2 ** 29 / (192 + 6 * r + 6 * E)) - i;
+  view.setUint32(12, n, true);
+  view.setUint32(last.at, n, true);
+  view.setUint32(tile.bytesAt, bytes(tile) + 2_000_000, true);
+  return manifest;
+}
+
+test('PreviewsTakeNoMemoryForWhatManifestsClaim', async () => {
+  const fresh = await makeCore(), readers = Array.from({ length: 24 }, (_, i) => liarsManifest(i));
+  for (const manifest of readers) new AssetReader(fresh, fresh.sha256(manifest), manifest, { bands: 1 });
+  assert.ok(fresh.bytesOfMemory < 2 ** 26, fresh.bytesOfMemory);
+});
+
+test('MemoryThatRunsOutIsATrap', async () => {
+  const fresh = await makeCore();
+  const open = (i) => {
+    const manifest = liarsManifest(i);
+    new AssetReader(fresh, fresh.sha256(manifest), manifest);
+  };
+  assert.throws(() => { for (let i = 0; i < 1000; ++i) open(i); }, WebAssembly.RuntimeError);
+});
+
 test('AssetsOverTheLimitAreRefusedBeforeTheyTakeMemory', () => {
   const before = core.bytesOfMemory;
   const manifest = ASSETS[0].manifest.slice();
