@@ -6,8 +6,10 @@
 #include <openssl/ssl.h>
 #include <openssl/x509.h>
 
+#include <algorithm>
 #include <array>
 #include <ctime>
+#include <span>
 #include <string>
 
 #include "broker/access/signature.h"
@@ -18,6 +20,7 @@ namespace {
 /// Of TLS 1.2: forward secrecy and authenticated encryption only. All ciphers of 1.3 have both.
 constexpr const char* kCiphers = "ECDHE+AESGCM:ECDHE+CHACHA20";
 constexpr unsigned char kSessionContext[] = "eigencast";
+constexpr long kMaxCertificateBytes = 4 * 1024;  ///< A client's: two of RSA-4096; each byte may take 1.2 us.
 
 std::string openssl_reason() {
   std::array<char, 256> text{};
@@ -40,6 +43,24 @@ int choose_protocol(SSL*, const unsigned char** out, unsigned char* out_size, co
   const int found = SSL_select_next_proto(&chosen, out_size, kHttp, sizeof(kHttp) - 1, in, in_size);
   *out = chosen;
   return found == OPENSSL_NPN_NEGOTIATED ? SSL_TLSEXT_ERR_OK : SSL_TLSEXT_ERR_ALERT_FATAL;
+}
+
+/// Refuses long lists in a ClientHello: OpenSSL takes up to 100 ns a byte to read them, and keeps objects of 50 times
+/// their bytes as long as the connection. Clients send some 100 bytes of each; only keys and tickets are long.
+int check_hello(SSL* tls, int*, void*) {
+  constexpr std::size_t kMaxListBytes = 512, kMaxLongBytes = 4096;
+  constexpr std::array kLong{TLSEXT_TYPE_key_share, TLSEXT_TYPE_psk, TLSEXT_TYPE_session_ticket, TLSEXT_TYPE_padding};
+  const unsigned char* bytes = nullptr;
+  std::size_t size = SSL_client_hello_get0_ciphers(tls, &bytes), count = 0;
+  int* kinds = nullptr;
+  bool fits = size <= kMaxListBytes && SSL_client_hello_get1_extensions_present(tls, &kinds, &count) == 1;
+  for (const int kind : std::span(kinds, count)) {
+    const bool is_long = std::find(kLong.begin(), kLong.end(), kind) != kLong.end();
+    fits = fits && SSL_client_hello_get0_ext(tls, static_cast<unsigned>(kind), &bytes, &size) == 1 &&
+           size <= (is_long ? kMaxLongBytes : kMaxListBytes);
+  }
+  OPENSSL_free(kinds);
+  return fits ? SSL_CLIENT_HELLO_SUCCESS : SSL_CLIENT_HELLO_ERROR;
 }
 
 Result<void> load_pair(SSL_CTX* context, const Config& config) {
@@ -67,6 +88,7 @@ Result<void> ask_clients(SSL_CTX* context, const Config& config) {
     return tls_error("tls.client_ca", path, "no certificates in PEM can be read: " + openssl_reason());
   }
   SSL_CTX_set_client_CA_list(context, names);
+  SSL_CTX_set_max_cert_list(context, kMaxCertificateBytes);
   const int require = config.tls.require_client_certificate ? SSL_VERIFY_FAIL_IF_NO_PEER_CERT : 0;
   SSL_CTX_set_verify(context, SSL_VERIFY_PEER | require, nullptr);
   return {};
@@ -86,6 +108,7 @@ Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config) {
                                          SSL_OP_PRIORITIZE_CHACHA);
   SSL_CTX_set_mode(context.get(), SSL_MODE_RELEASE_BUFFERS);
   SSL_CTX_set_num_tickets(context.get(), 1);  // A resumed session gets a new ticket.
+  SSL_CTX_set_client_hello_cb(context.get(), check_hello, nullptr);
   SSL_CTX_set_default_passwd_cb(context.get(), no_passphrase);
   SSL_CTX_set_alpn_select_cb(context.get(), choose_protocol, nullptr);
   // Without it a client that shows a certificate cannot resume its session.

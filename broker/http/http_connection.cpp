@@ -20,10 +20,14 @@ namespace beast = boost::beast;
 namespace http = beast::http;
 
 constexpr std::size_t kMaxHeadBytes = 16 * 1024;
+constexpr int kMaxFields = 100;
 /// A buffer that has grown twofold, and the fields.
 constexpr std::size_t kLargeHeadBytes = 3 * kMaxHeadBytes;
 /// What OpenSSL allocates for a ClientHello once its header says that it is as long as can be.
 constexpr std::size_t kHandshakeBytes = 160 * 1024;
+/// A client's last flight. Keys of its certificates are decoded before these are checked: usual ones in 500 us, the
+/// worst that fit in 5,000, so that they cost more where the handshake fails.
+constexpr double kFinishUs = 60, kCertificatesUs = 2'000, kRefusalUs = 20'000;
 constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
 constexpr TimeUs kMaxReadWaitUs = 2'000'000;
@@ -34,6 +38,16 @@ bool is_malformed_request(ErrorOf error) {
   return error.category() == http::make_error_code(http::error::end_of_stream).category() &&
          error != http::error::end_of_stream && error != http::error::partial_message;
 }
+
+/// Refuses heads of many fields, each of which takes some 80 bytes beside its own.
+class RequestParser final : public http::request_parser<http::buffer_body> {
+  void on_field_impl(http::field name, beast::string_view text, beast::string_view value, ErrorOf& error) override {
+    if (++fields_ > kMaxFields) return void(error = http::error::header_limit);
+    get().insert(name, text, value);
+  }
+
+  int fields_ = 0;
+};
 
 }  // namespace
 
@@ -73,7 +87,7 @@ struct HttpConnection::Wire {
 
   HttpConnection& connection;
   beast::flat_buffer buffer;
-  std::optional<http::request_parser<http::buffer_body>> parser;
+  std::optional<RequestParser> parser;
   std::size_t head_bytes = 0;
   std::uint64_t chunks = 0;
   std::function<void(std::uint64_t, beast::string_view, ErrorOf&)> on_chunk = [this](std::uint64_t, beast::string_view,
@@ -220,18 +234,23 @@ void HttpConnection::shake_hands() {
     return transport_.async_wait(outcome.wait, [self = shared_from_this()](ErrorOf error) {
       if (error) return self->close();
       const auto go_on = [self](ErrorOf) { self->transport_.socket().is_open() ? self->shake_hands() : self->close(); };
-      if (Timer* const pace = self->pace()) return pace->async_wait(go_on);
+      const double flight_us = self->transport_.asks_for_certificates() ? kCertificatesUs : kFinishUs;
+      if (Timer* const pace = self->pace(flight_us)) return pace->async_wait(go_on);
       go_on({});
     });
   }
   if (!outcome.error) return read_head();
+  if (transport_.asks_for_certificates()) {
+    (void)take_work(kRefusalUs, kForeverUs);
+    (void)take_turn(kRefusalUs, 0, [] {});
+  }
   // Closing with unread bytes sends a reset, which would discard the TLS alert.
   transport_.end_writing();
   drain(transport_.socket());
 }
 
-Timer* HttpConnection::pace() {
-  const double work_us = kReadUs * static_cast<double>(std::max<std::size_t>(transport_.take_records(), 1));
+Timer* HttpConnection::pace(double more_us) {
+  const double work_us = more_us + kReadUs * static_cast<double>(std::max<std::size_t>(transport_.take_records(), 1));
   // Those over their budget do not wake together.
   const auto spread_us = static_cast<TimeUs>(reinterpret_cast<std::uintptr_t>(this) / 64 % (kMaxReadWaitUs / 2));
   TimeUs wait_us = take_work(work_us, kMaxReadWaitUs).value_or(kMaxReadWaitUs - spread_us);
@@ -289,7 +308,7 @@ void HttpConnection::on_head_read(ErrorOf error) {
   }
   if (error == http::error::header_limit) {
     return answer_error(HttpStatus::kHeaderFieldsTooLarge,
-                        fail(ErrorCode::kTooLarge, "the request head is over 16 KiB"));
+                        fail(ErrorCode::kTooLarge, "the request head is over 16 KiB, or 100 fields"));
   }
   if (is_malformed_request(error)) {
     return answer_error(HttpStatus::kBadRequest, fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
@@ -394,8 +413,8 @@ void HttpConnection::finish(bool keep) {
 
 template <typename Stream>
 void HttpConnection::drain(Stream& stream) {
-  drained_.resize(kMaxHeadBytes);
-  stream.async_read_some(asio::buffer(drained_), [self = shared_from_this(), &stream](ErrorOf error, std::size_t) {
+  const auto into = asio::buffer(context_.read_buffer);  // Of all: what comes is not looked at.
+  stream.async_read_some(into, [self = shared_from_this(), &stream](ErrorOf error, std::size_t) {
     const auto go_on = [self, &stream](ErrorOf) {
       self->transport_.socket().is_open() ? self->drain(stream) : self->close();
     };

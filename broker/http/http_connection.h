@@ -157,8 +157,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   NewcomerTime::Supply hold_handshake();
   void begin_handshake();
   void shake_hands();
-  /// After a read: what to wait for before the next, whatever its error says, or null.
-  Timer* pace();
+  /// After a read, and before what takes `more_us`: what to wait for, whatever its error says, or null.
+  Timer* pace(double more_us = 0);
   void on_head_read(ErrorOf error);
   template <typename Stream>
   void drain(Stream& stream);
@@ -170,7 +170,6 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::unique_ptr<Wire> wire_;
   std::shared_ptr<void> unfinished_;  ///< Counts its memory.
   IpAddress peer_;
-  std::vector<std::uint8_t> drained_;
 };
 
 }  // namespace eigencast::broker

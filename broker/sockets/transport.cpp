@@ -122,6 +122,10 @@ double Transport::handshake_us() const {
   return kExchangeUs + kRsa2048Us * size * size * size;
 }
 
+bool Transport::asks_for_certificates() const {
+  return tls_ && SSL_get_verify_mode(tls_.get()) != SSL_VERIFY_NONE;
+}
+
 std::size_t Transport::take_records() {
   if (!tls_) return 0;
   const std::uintptr_t counts = counts_of(tls_.get());

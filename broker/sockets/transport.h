@@ -54,6 +54,7 @@ class Transport {
   /// Continues the TLS handshake; done when the outcome does not wait. Plain: done.
   Outcome shake_hands();
   double handshake_us() const;  ///< What a handshake takes, by the kind and size of the certificate's key.
+  bool asks_for_certificates() const;  ///< Of clients.
   Outcome read(std::span<std::uint8_t> into);
   /// The peer's TLS records, with data or not, that were worked off since the last call.
   std::size_t take_records();

@@ -971,6 +971,54 @@ class Files(unittest.TestCase):
                         answer = sock.recv(1)
                     self.assertEqual(answer == bytes([22]), good, f"{len(pieces)} records")
 
+    def test_long_lists_in_a_hello_end_the_connection(self):
+        """OpenSSL keeps them, at up to 50 times their bytes, as long as the connection."""
+        certificate, key = self.certificate("rsa:2048")
+        hello = client_hello(tls_client())[5:]
+        at = 4 + 2 + 32
+        at += 1 + hello[at]
+        ciphers = hello[at + 2:at + 2 + int.from_bytes(hello[at:at + 2], "big")]
+        begin, extensions = hello[4:at], hello[at + 2 + len(ciphers) + 2 + 2:]
+        sized = lambda data: struct.pack(">H", len(data)) + data
+        extension = lambda kind, data: struct.pack(">H", kind) + sized(data)
+        names = lambda size: extension(47, sized(size // 4 * (sized(b"\x30\0"))))
+        responders = lambda size: extension(5, b"\1" + sized(size // 6 * sized(b"\xa2\2\4\0")) + sized(b""))
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}") as broker:
+            for more_ciphers, more, good in ((b"", names(400), True), (b"", names(60_000), False), (b"", names(2_000), False),
+                                             (b"", responders(400), True), (b"", responders(2_000), False),
+                                             (400 * b"\x13", b"", True), (2_000 * b"\x13", b"", False),
+                                             (b"", extension(0xFE0D, bytes(3_000)), True)):
+                body = begin + sized(ciphers + more_ciphers) + b"\1\0" + sized(more + extensions)
+                message = b"\1" + len(body).to_bytes(3, "big") + body
+                records = b"".join(b"\x16\3\1" + sized(message[i:i + 16_000]) for i in range(0, len(message), 16_000))
+                with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock:
+                    sock.sendall(records)
+                    self.assertEqual(sock.recv(1), bytes([22 if good else 21]), f"{len(more_ciphers)} and {len(more)} bytes more")
+
+    def test_certificates_of_clients_are_few_and_paced_where_they_are_wrong(self):
+        """Their keys are decoded before they are checked, at up to 1.2 us a byte."""
+        certificate, key = self.certificate("rsa:2048")
+        text, other = certificate.read_text(), self.folder / "many.pem"
+        with Broker(BROKER, f"--tls-certificate={certificate}", f"--tls-key={key}", f"--tls-client-ca={certificate}",
+                    "--per-address-work-us-per-s=10000", "--timeouts-header-ms=60000") as broker:
+
+            def enter(chain):
+                context = tls_client()
+                other.write_text(chain)
+                context.load_cert_chain(other, key)
+                with socket.create_connection(("127.0.0.1", broker.port), timeout=60) as sock, context.wrap_socket(sock) as tls:
+                    tls.sendall(b"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                    return tls.recv(100)
+
+            self.assertIn(b" 200 ", enter(4 * text))
+            with self.assertRaises((ssl.SSLError, OSError)):
+                enter(40 * text)
+            foreign, _ = self.certificate("rsa:2048")
+            with takes_at_least(self, 3, "what each wrong one costs"):
+                for _ in range(3):
+                    with self.assertRaises((ssl.SSLError, OSError)):
+                        enter(foreign.read_text())
+
     def test_records_of_one_byte_are_paced_by_their_number(self):
         certificate, key = self.certificate("rsa:2048")
         context = tls_client()

@@ -48,6 +48,19 @@ TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
   EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"streams\":[]"));
 }
 
+TEST_F(HttpSessionTest, HeadsOfManyFieldsAreRefused) {
+  const auto head = [](int fields) {
+    std::string text = "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n";
+    for (int i = 0; i < fields; ++i) text += "a:\r\n";
+    return text;
+  };
+  Wire usual(port_), many(port_);
+  usual.write(head(90) + "\r\n");
+  EXPECT_THAT(usual.read_all().value_or("reset"), StartsWith("HTTP/1.1 200"));
+  many.write(head(200));  // And no end: each is 80 bytes of memory by then.
+  EXPECT_THAT(many.read_all().value_or("reset"), StartsWith("HTTP/1.1 431"));
+}
+
 TEST_F(HttpSessionTest, AnswersVaryByOrigin) {
   const std::string target = "/v1/assets/" + put_asset("0123456789");
   for (const std::string& what : {target, std::string("/v1/streams"), std::string("/v1/nothing")}) {
