@@ -43,10 +43,11 @@ Result<void> put_missing(HttpConnection& http, const AssetObject& object) {
 /// Errors: kRefused (the broker's answer; or the objects are not at hand), kCancelled, and those of HttpConnection.
 template <typename Progress>
 Result<void> upload(HttpConnection& http, const EncodedAsset& encoded, const Progress& progress) {
-  const auto there = is_there(http, encoded.manifest);
+  const bool has_manifest = encoded.manifest.id != Sha256{};
+  const auto there = has_manifest ? is_there(http, encoded.manifest) : false;
   if (!there) return there.error();
   if (*there) return {};
-  if (encoded.manifest.bytes.empty()) {
+  if (has_manifest && encoded.manifest.bytes.empty()) {
     return fail(ErrorCode::kRefused, "the broker does not have asset " + encoded.manifest.id.hex() +
                                          ", and it is not at hand here: give its objects, or put it there first");
   }
@@ -58,13 +59,13 @@ Result<void> upload(HttpConnection& http, const EncodedAsset& encoded, const Pro
     done += chunk.bytes.size();
   }
   progress(done, total);
-  return put_missing(http, encoded.manifest);
+  return has_manifest ? put_missing(http, encoded.manifest) : Result<void>();
 }
 
 }  // namespace
 
 AssetUploader::AssetUploader(std::shared_ptr<const EncodedAsset> encoded, Events events)
-    : encoded_(std::move(encoded)), events_(std::move(events)) {
+    : events_(std::move(events)), encoded_(std::move(encoded)) {
   thread_ = std::thread([this] { guarded_run([this] { run(); }, events_.on_exception); });
 }
 
@@ -74,6 +75,11 @@ void AssetUploader::begin(const BrokerUrl& url, std::chrono::milliseconds after)
   due_ = std::chrono::steady_clock::now() + after;
   ++orders_;
   changed_.notify_all();
+}
+
+void AssetUploader::use(std::shared_ptr<const EncodedAsset> encoded) {
+  const std::lock_guard lock(mutex_);
+  encoded_ = std::move(encoded);
 }
 
 void AssetUploader::cancel() {
@@ -105,8 +111,9 @@ void AssetUploader::run() {
     due_.reset();
     const std::uint64_t order = orders_;
     const auto http = http_ = std::make_shared<HttpConnection>(url_);
+    const auto encoded = encoded_;
     lock.unlock();
-    const auto done = upload(*http, *encoded_, events_.on_progress);
+    const auto done = upload(*http, *encoded, events_.on_progress);
     lock.lock();
     http_.reset();
     if (stopping_) return;

@@ -18,8 +18,8 @@
 
 namespace eigencast {
 
-/// Uploads a publisher's asset to a broker each time that begin() is called. Its events are called on a thread of its
-/// own, with no lock held. Thread-safe.
+/// Uploads a publisher's asset, or its chunks alone where it has no manifest, to a broker each time that begin() is
+/// called. Its events are called on a thread of its own, with no lock held. Thread-safe.
 class AssetUploader {
  public:
   struct Events {
@@ -36,18 +36,20 @@ class AssetUploader {
   AssetUploader& operator=(const AssetUploader&) = delete;
 
   void begin(const BrokerUrl& url, std::chrono::milliseconds after);
+  /// Uploads another asset from the next begin() on.
+  void use(std::shared_ptr<const EncodedAsset> encoded);
   void cancel();
   void stop();
 
  private:
   void run();
 
-  const std::shared_ptr<const EncodedAsset> encoded_;
   const Events events_;
 
   std::mutex mutex_;
   std::condition_variable changed_;
   // GUARDED_BY(mutex_), all that follows.
+  std::shared_ptr<const EncodedAsset> encoded_;
   BrokerUrl url_;
   std::optional<std::chrono::steady_clock::time_point> due_;  ///< When to upload next.
   std::uint64_t orders_ = 0;                                  ///< Calls of begin() and cancel().

@@ -59,6 +59,13 @@ bool BrokerConnection::try_join(Request& request, Listener& listener) {
   return true;
 }
 
+void BrokerConnection::hold(const Listener& listener, std::uint32_t generation) {
+  const std::lock_guard lock(mutex_);
+  for (Stream& stream : streams_) {
+    if (stream.listener == &listener) stream.generation = generation;
+  }
+}
+
 void BrokerConnection::leave(const Listener& listener) {
   const std::lock_guard lock(mutex_);
   const auto at = std::find_if(streams_.begin(), streams_.end(), [&](auto& s) { return s.listener == &listener; });
@@ -92,6 +99,7 @@ void BrokerConnection::on_open(const BrokerUrl& broker) {
     stream.id.reset();
     stream.reader.restart();
     stream.ack.reset();
+    stream.generation = 0;
     stream.ask_again_at_us.reset();
     stream.listener->on_open(at_);
     if (stream.name() != url_stream_) subscribe(stream);
@@ -123,6 +131,10 @@ void BrokerConnection::on_message(const control::StreamInfo& m) {
   stream->ask_again_at_us.reset();
   stream->listener->on_info(m);
   if (first && stream->request.trace_every > 0) send(control::TraceRequest{m.stream, stream->request.trace_every});
+}
+
+void BrokerConnection::on_message(const control::Remember& m) {
+  if (const Stream* stream = find(m.stream)) stream->listener->on_memory(m);
 }
 
 void BrokerConnection::on_message(const control::Trace& m) {
@@ -205,6 +217,7 @@ void BrokerConnection::acknowledge(TimeUs now) {
   for (Stream& stream : streams_) {
     if (!stream.ack) continue;
     last_ack_us_ = now;
+    stream.ack->generation = std::exchange(stream.generation, 0);
     ack.items.push_back(*std::exchange(stream.ack, std::nullopt));
     if (ack.items.size() == limits::kMaxAcksPerMessage) flush();
   }

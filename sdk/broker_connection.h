@@ -36,6 +36,7 @@ class BrokerConnection final {
     /// wait  until the next try; 0: none
     virtual void on_down(const Error& why, std::chrono::milliseconds wait) = 0;
     virtual void on_info(const control::StreamInfo& info) = 0;
+    virtual void on_memory(const control::Remember& memory) = 0;
     virtual void on_trace(const control::Trace& trace) = 0;
     virtual void on_notice(const control::Notice& notice) = 0;
     /// declined  The broker does not give this stream; it is asked again after declined_retry.
@@ -55,6 +56,8 @@ class BrokerConnection final {
   };
 
   static std::shared_ptr<BrokerConnection> join(const BrokerUrl& url, Request request, Listener& listener);
+  /// Names the generation of a memory to the broker once: what comes afterwards may need it. 0: none.
+  void hold(const Listener& listener, std::uint32_t generation);
   /// No call comes afterwards. The last user to release the connection closes it.
   void leave(const Listener& listener);
 
@@ -70,6 +73,7 @@ class BrokerConnection final {
     std::optional<std::uint32_t> id;        ///< Once the broker has said it on this connection.
     EnvelopeReader reader;                  ///< Of its frames.
     std::optional<control::Ack::Item> ack;  ///< Newest frame that is not acknowledged yet.
+    std::uint32_t generation = 0;           ///< Of the memory to be named with it.
     std::optional<TimeUs> ask_again_at_us;  ///< Set while the broker declines the stream.
 
     const std::string& name() const { return request.subscribe.stream; }
@@ -84,6 +88,7 @@ class BrokerConnection final {
   template <typename Message>
   void on_message(const Message&) {}  // What concerns senders only.
   void on_message(const control::StreamInfo& m);
+  void on_message(const control::Remember& m);
   void on_message(const control::Trace& m);
   void on_message(const control::Ping& m);
   void on_message(const control::Pong& m);

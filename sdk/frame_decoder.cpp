@@ -17,6 +17,7 @@ void FrameDecoder::set_stream(const control::StreamInfo& info) {
   if (!has_stream_ || info.stream_id != stream_id_ || info.epoch != epoch_ || layout != layout_) {
     chain_.reset();
     last_seen_.reset();
+    memory_.reset();
   }
   has_stream_ = true;
   stream_id_ = info.stream_id;
@@ -33,6 +34,17 @@ std::vector<double> FrameDecoder::coefficients(const Key& key) const {
   for (std::size_t row = 0; row < layout_.rows; ++row)
     for (std::size_t k = 0; k < scales_.size(); ++k) C[row * layout_.channels + 3 + k] /= scales_[k];
   return C;
+}
+
+Result<CodedKey> FrameDecoder::read_key(const FrameView& frame) const {
+  const BandMask bands = frame.envelope.bands;
+  if (!frame.envelope.is_recalled()) {
+    auto key = decode_key(layout_, bands, *chain_, frame.payload);
+    return key ? Result<CodedKey>({{}, *std::move(key)}) : key.error();
+  }
+  if (!memory_) return fail(ErrorCode::kCorrupt, "a key predicted from a memory that is not here");
+  auto recalled = decode_recalled_key(layout_, bands, *chain_, *memory_, frame.payload);
+  return recalled ? Result<CodedKey>({{}, std::move(recalled->key), recalled->phase}) : recalled.error();
 }
 
 Result<Key> FrameDecoder::made_pose(const FrameView& frame) const {
@@ -73,8 +85,10 @@ Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
   };
   switch (e.kind) {
     case FrameKind::kJoin: {
-      auto state = decode_join(layout_, e.bands, frame.payload);
+      auto state = decode_join(layout_, e.bands, frame.payload, e.is_recalled());
       if (!state) return state.error();
+      if (state->phase && !(memory_ && memory_->has(*state->phase)))
+        return fail(ErrorCode::kCorrupt, "a join of a memory that is not here");
       chain_ = std::move(*state);
       chain_->age_us = e.age_us;
       ++counts_.joins;
@@ -85,12 +99,12 @@ Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
         if (chain_ && e.sequence > newest_) chain_.reset();
         return undecodable();
       }
-      auto key = decode_key(layout_, e.bands, *chain_, frame.payload);
+      auto key = read_key(frame);
       if (!key) {
         chain_.reset();
         return key.error();
       }
-      chain_ = advanced(std::move(chain_), std::move(*key), e.capture_us - newest_capture_us_);
+      chain_ = advanced(std::move(chain_), std::move(key->key), e.capture_us - newest_capture_us_, key->phase);
       break;
     }
     case FrameKind::kStep:

@@ -7,6 +7,7 @@
 
 #include "common/codec/chain.h"
 #include "common/codec/key.h"
+#include "common/codec/pose_memory.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 
@@ -27,6 +28,13 @@ class FrameDecoder {
 
   void set_stream(const control::StreamInfo& info);  ///< Another stream or epoch starts the chain anew.
   void restart() { chain_.reset(); }
+  /// What keys may be predicted from until the next call, or another stream or epoch. Without: the chain is nowhere in
+  /// the next memory, which may have other poses. REQUIRES: of layout().
+  void set_memory(std::optional<PoseMemory> memory) {
+    memory_ = std::move(memory);
+    if (chain_ && !memory_) chain_->phase.reset();
+  }
+  const std::optional<PoseMemory>& memory() const { return memory_; }
 
   /// The pose to show, valid until the next call; null when there is none (another stream or epoch, no state yet, a key
   /// sent ahead that shows none). Errors: kCorrupt and those of the codec; after a key the chain waits for a join.
@@ -42,6 +50,7 @@ class FrameDecoder {
 
  private:
   Result<const Key*> apply(const FrameView& frame);
+  Result<CodedKey> read_key(const FrameView& frame) const;
   Result<Key> made_pose(const FrameView& frame) const;
   Result<const Key*> shown(Result<Key> made);
 
@@ -53,6 +62,7 @@ class FrameDecoder {
   std::uint32_t epoch_ = 0;
   bool has_stream_ = false;
   std::optional<ChainState> chain_;
+  std::optional<PoseMemory> memory_;
   Key made_;                  ///< The last pose between keys or beyond them.
   std::uint64_t newest_ = 0;  ///< Sequence of chain_->newer.
   TimeUs newest_capture_us_ = 0;

@@ -9,6 +9,11 @@ namespace eigencast {
 KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate)
     : layout_(std::move(layout)), half_spacing_(half_spacing), rate_(std::move(rate)) {}
 
+void KeyWriter::code_by(Coder coder, bool continues) {
+  coder_ = std::move(coder);
+  if (chain_ && !continues) chain_->phase.reset();
+}
+
 void KeyWriter::begin(const control::Announced& announced) {
   restart();
   announced_ = announced;
@@ -20,7 +25,8 @@ Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
   const auto choice = rate_ ? rate_->choice() : RateControl::Choice{half_spacing_, static_cast<std::uint8_t>(all)};
   if (choice.bands < all) key = lowest_bands(layout_, std::move(key), choice.bands);
   if (chain_) {
-    auto coded = encode_key(layout_, *chain_, key, choice.half_spacing);
+    auto coded =
+        coder_ ? coder_(*chain_, key, choice.half_spacing) : encode_key(layout_, *chain_, key, choice.half_spacing);
     if (!coded) return coded.error();
     return framed(*std::move(coded), capture_us);
   }
@@ -46,8 +52,10 @@ KeyWriter::Coded KeyWriter::framed(CodedKey coded, TimeUs capture_us) const {
   envelope.sequence = newest_.sequence + 1;
   envelope.capture_us = capture_us;
   envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
-  ChainState next = chain_ ? ChainState{chain_->newer, std::move(coded.key), capture_us - newest_.capture_us}
-                           : advanced(std::nullopt, std::move(coded.key), 0);
+  envelope.flags = coded.phase ? Envelope::kRecalled : std::uint8_t{0};
+  ChainState next = chain_
+                        ? ChainState{chain_->newer, std::move(coded.key), capture_us - newest_.capture_us, coded.phase}
+                        : advanced(std::nullopt, std::move(coded.key), 0);
   Coded out{{}, std::move(next), capture_us};
   out.message.reserve(Envelope::kMaxBytes + coded.payload.size());
   append_envelope(envelope, &newest_, out.message);

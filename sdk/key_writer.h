@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -24,6 +25,8 @@ class KeyWriter {
     ChainState next;
     TimeUs capture_us = 0;
   };
+  /// As encode_key.
+  using Coder = std::function<Result<CodedKey>(const ChainState& state, const Key& key, std::uint8_t half_spacing)>;
 
   /// half_spacing  of coded levels (see encode_key) while nothing else is said by `rate`, where a bit rate is kept
   KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate);
@@ -31,6 +34,9 @@ class KeyWriter {
   /// The next message is the first of a stream that the broker knows by these.
   void begin(const control::Announced& announced);
   void restart() { chain_.reset(); }  ///< The chain is broken: the next message is a join.
+  /// Codes the keys to come, as Recaller::encode does; null: encode_key. `continues`: a memory has all poses of the one
+  /// before.
+  void code_by(Coder coder, bool continues);
 
   Result<Coded> code(Key key, TimeUs capture_us) const;  ///< Errors: those of the codec.
   /// The same, with the payload that it had in another chain where that gives the same key in this one: exactly.
@@ -51,6 +57,7 @@ class KeyWriter {
   const CoefficientLayout layout_;
   const std::uint8_t half_spacing_;
   std::optional<RateControl> rate_;
+  Coder coder_;
   std::optional<ChainState> chain_;  ///< Nothing until the first message of a chain.
   control::Announced announced_;
   ChainClock newest_;

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/publisher.h"
 
+#include <algorithm>
 #include <cmath>
 #include <mutex>
 #include <optional>
 
+#include "common/codec/recaller.h"
+#include "common/core/hash/sha256.h"
 #include "common/core/text.h"
 #include "common/net/clock_offset.h"
 #include "common/wire/control.h"
@@ -29,6 +32,13 @@ Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
   return fail(ErrorCode::kInvalidArgument,
               "capture time " + std::to_string(capture_us) + " us is out of range: it must be 0 to 2^62 - 1");
+}
+
+ErrorCode code_named(std::string_view name) {
+  for (int code = 0; code < static_cast<int>(ErrorCode::kInternal); ++code) {
+    if (name_of(static_cast<ErrorCode>(code)) == name) return static_cast<ErrorCode>(code);
+  }
+  return ErrorCode::kInternal;
 }
 
 class BrokerPublisher final : public Publisher {
@@ -73,6 +83,7 @@ class BrokerPublisher final : public Publisher {
 
   ~BrokerPublisher() override {
     if (asset_uploader_) asset_uploader_->stop();
+    if (segment_uploader_) segment_uploader_->stop();
     if (socket_) socket_->stop();
   }
 
@@ -93,6 +104,37 @@ class BrokerPublisher final : public Publisher {
     const auto made = projection_.project(pose);
     if (!made) return made.error();
     return send(made->C, made->V, made->S, capture_us, {begun_us, steady_now_us()});
+  }
+
+  Result<void> remember(std::vector<CodedSegment> segments) override {
+    const CoefficientLayout& layout = writer_.layout();
+    if (layout.is_float()) return fail(ErrorCode::kInvalidArgument, "a float codec has no memory");
+    if (segments.size() > limits::kMaxMemorySegments)
+      return fail(ErrorCode::kTooLarge, "a memory has at most " + std::to_string(limits::kMaxMemorySegments) +
+                                            " segments: put poses together");
+    PoseMemory poses(layout);
+    std::vector<AssetObject> objects;
+    for (CodedSegment& coded : segments) {
+      if (!coded.segment || coded.segment->values.size() != coded.segment->poses * layout.size())
+        return fail(ErrorCode::kInvalidArgument, "a segment of another layout than the stream's");
+      auto grown = poses.with(std::move(coded.segment));
+      if (!grown) return grown.error();
+      poses = *std::move(grown);
+      objects.push_back({sha256(coded.bytes), std::move(coded.bytes)});
+    }
+    const std::lock_guard lock(mutex_);
+    if (memory_.pending) return fail(ErrorCode::kRefused, "the broker has not answered the last memory yet");
+    remembered_ = std::move(objects);
+    poses_ = std::move(poses);
+    memory_.pending = true;
+    memory_.refused.reset();
+    if (phase_ == Phase::kLive) upload_memory();
+    return {};
+  }
+
+  MemoryState memory() const override {
+    const std::lock_guard lock(mutex_);
+    return memory_;
   }
 
   std::vector<double> as_received() const override {
@@ -181,15 +223,75 @@ class BrokerPublisher final : public Publisher {
   SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work) {
     if (!coded) return unusable(coded.error());
     const std::size_t bytes = coded->message.size();
+    const bool recalled = coded->next.phase.has_value();
     // Before it is handed over: the broker may have it before the call returns.
     const TimeUs sent_us = steady_now_us();
     const SendStatus status = socket_->send_binary(std::move(coded->message));
     if (status != SendStatus::kSent) return dropped(status);
     writer_.sent(*std::move(coded), bytes);
     ++stats_.frames_sent;
+    if (recalled) ++stats_.frames_recalled;
     stats_.payload_bytes += bytes;
     if (trace_every_ != 0) trace(work, sent_us);
     return status;
+  }
+
+  // The memory of poses. All but the callbacks REQUIRE: mutex_ is held.
+
+  /// The broker has nothing of it (any more).
+  void forget_memory() {
+    if (segment_uploader_) segment_uploader_->cancel();
+    writer_.code_by(nullptr, false);
+    held_segments_.clear();
+    memory_.generation = 0;
+    memory_.pending = !remembered_.empty();
+  }
+
+  /// How many of the segments the broker holds, where those are the first of them; else 0.
+  std::size_t kept_segments() const {
+    const bool extends = held_segments_.size() <= remembered_.size() &&
+                         std::equal(held_segments_.begin(), held_segments_.end(), remembered_.begin(),
+                                    [](const Sha256& held, const AssetObject& object) { return held == object.id; });
+    return extends ? held_segments_.size() : 0;
+  }
+
+  void upload_memory() {
+    auto objects = std::make_shared<EncodedAsset>();
+    objects->chunks.assign(remembered_.begin() + static_cast<std::ptrdiff_t>(kept_segments()), remembered_.end());
+    if (!segment_uploader_) {
+      AssetUploader::Events upload;
+      upload.on_progress = [](std::uint64_t, std::uint64_t) {};
+      upload.on_done = [this](const Result<void>& done) {
+        on_memory_uploaded(done);
+        return std::optional<milliseconds>();
+      };
+      upload.on_exception = [this](const std::string& what) { on_memory_uploaded(fail(ErrorCode::kInternal, what)); };
+      segment_uploader_ = std::make_unique<AssetUploader>(objects, std::move(upload));
+    }
+    segment_uploader_->use(std::move(objects));
+    segment_uploader_->begin(at_, milliseconds(0));
+  }
+
+  void on_memory_uploaded(const Result<void>& done) {
+    const std::lock_guard lock(mutex_);
+    if (phase_ != Phase::kLive || !memory_.pending) return;
+    if (!done) return refuse_memory(done.error());
+    const std::size_t kept = kept_segments();
+    control::Remember m{url_.stream, ++asked_generation_, static_cast<std::uint32_t>(kept), {}};
+    for (std::size_t i = kept; i < remembered_.size(); ++i) m.segments.push_back(remembered_[i].id.hex());
+    if (socket_->send_text(text_from_control(m)) != SendStatus::kSent)
+      return refuse_memory(fail(ErrorCode::kDisconnected, "the broker takes no messages now"));
+    if (kept == held_segments_.size()) return;
+    // A new root: keys are plain until the broker holds it.
+    writer_.code_by(nullptr, false);
+    held_segments_.clear();
+    memory_.generation = 0;
+  }
+
+  void refuse_memory(const Error& why) {
+    memory_.pending = false;
+    memory_.refused = why;
+    log(log_, LogLevel::kWarning, "memory not used: " + why.message);
   }
 
   SendStatus dropped(SendStatus status) {
@@ -241,6 +343,7 @@ class BrokerPublisher final : public Publisher {
     std::unique_lock lock(mutex_);
     phase_ = Phase::kDown;
     writer_.restart();
+    forget_memory();
     stats_.subscribers = 0;
     stats_.gave_up = wait.count() == 0;
     stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
@@ -263,11 +366,28 @@ class BrokerPublisher final : public Publisher {
     phase_ = Phase::kLive;
     resume_ = m.resume;
     writer_.begin(m);
+    forget_memory();
+    if (memory_.pending) upload_memory();
     if (still_) still_->restart();
     stats_.state = State::kLive;
     const std::string live = stats_.detail = "live at " + at_.origin() + "/" + url_.stream;
     lock.unlock();
     log(log_, LogLevel::kInfo, live + ", epoch " + std::to_string(m.epoch));
+  }
+
+  void on_message(const control::Remembered& m) {
+    const std::lock_guard lock(mutex_);
+    if (phase_ != Phase::kLive || !memory_.pending || m.generation != asked_generation_) return;
+    if (!m.code.empty()) return refuse_memory({code_named(m.code), m.message});
+    memory_.pending = false;
+    memory_.generation = remembered_.empty() ? 0 : m.generation;
+    held_segments_.clear();
+    for (const AssetObject& segment : remembered_) held_segments_.push_back(segment.id);
+    if (remembered_.empty()) return;
+    const auto recaller = std::make_shared<Recaller>(*poses_);
+    writer_.code_by([recaller](const ChainState& state, const Key& key,
+                               std::uint8_t half_spacing) { return recaller->encode(state, key, half_spacing); },
+                    true);
   }
 
   void on_message(const control::Subscribers& m) {
@@ -374,6 +494,12 @@ class BrokerPublisher final : public Publisher {
   bool ever_open_ = false;
   KeyWriter writer_;
   std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.
+  MemoryState memory_;
+  std::vector<AssetObject> remembered_;              ///< The segments of the last remember(),
+  std::optional<PoseMemory> poses_;                  ///< and their poses.
+  std::vector<Sha256> held_segments_;                ///< Those that the broker holds.
+  std::uint32_t asked_generation_ = 0;               ///< Grows.
+  std::unique_ptr<AssetUploader> segment_uploader_;  ///< Once there was something to upload.
   Stats stats_;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
   ClockOffset clock_;              ///< The broker's; learnt while there are traces.

@@ -10,6 +10,7 @@
 #include "common/asset/asset.h"
 #include "common/asset/format/encode.h"
 #include "common/codec/key.h"
+#include "common/codec/pose_memory.h"
 #include "common/core/clock.h"
 #include "common/core/log.h"
 #include "common/core/result.h"
@@ -76,11 +77,21 @@ class Publisher {
     std::string detail;  ///< For people: "uploading 3.1 of 4.2 MB", "broker lost: ..., next try in 400 ms".
     std::uint64_t frames_sent = 0;
     std::uint64_t frames_dropped = 0;
+    std::uint64_t frames_recalled = 0;  ///< Of those sent: predicted from the memory.
     std::uint64_t frames_held = 0;  ///< Not sent because the surface was still (PublisherOptions::still_heartbeat_us).
     std::uint64_t payload_bytes = 0;  ///< Counts the frames sent, envelope included.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
     bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.
+  };
+
+  /// What has come of remember().
+  struct MemoryState {
+    std::uint32_t generation = 0;  ///< The broker holds it, and keys are predicted from it; 0: none.
+    bool pending = false;          ///< The last call is under way.
+    /// Why the broker has not taken what the last call gave: kUnsupported (it keeps none), kTooLarge (its memory is
+    /// used up), or that the upload failed. The stream goes on.
+    std::optional<Error> refused{};
   };
 
   /// `asset` must be decode(encoded); both are shared. Errors: kInvalidArgument (URL, stream name, error <= 0).
@@ -108,6 +119,13 @@ class Publisher {
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us) {
     return send_pose({positions, {}, {}}, capture_us);
   }
+  /// Predicts keys from these poses, the oldest segment first, once the broker holds them; empty: no more. Never waits.
+  /// Where those of the call before come first they stay in use meanwhile; a list that begins otherwise costs each
+  /// viewer a join. Given to the broker again after a lost connection. Errors: kInvalidArgument (a float codec, another
+  /// layout), kTooLarge (PoseMemory, limits::kMaxMemorySegments), kRefused (a call is under way).
+  ///   segments  of the manifest's id (encode_segment)
+  virtual Result<void> remember(std::vector<CodedSegment> segments) = 0;
+  virtual MemoryState memory() const = 0;               ///< Thread-safe.
   virtual std::vector<double> as_received() const = 0;  ///< What receivers hold (r x 3); empty: nothing yet.
   virtual Stats stats() const = 0;                      ///< Thread-safe.
 };

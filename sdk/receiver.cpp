@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/receiver.h"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
+#include "common/wire/limits.h"
 #include "sdk/broker.h"
 
 namespace eigencast {
@@ -65,8 +67,39 @@ void Receiver::on_open(const BrokerUrl& broker) {
   condition_.retry_at_us.reset();
   condition_.clock.reset();
   decoder_.restart();
+  forget_memory();
   lock.unlock();
   wake_();
+}
+
+void Receiver::forget_memory() {
+  decoder_.set_memory(std::nullopt);
+  segments_.clear();
+  news_.memory.reset();
+}
+
+void Receiver::on_memory(const control::Remember& memory) {
+  std::unique_lock lock(mutex_);
+  const bool fits =
+      memory.kept <= segments_.size() && memory.kept + memory.segments.size() <= limits::kMaxMemorySegments;
+  std::vector<std::string> segments(segments_.begin(), segments_.begin() + (fits ? std::ptrdiff_t{memory.kept} : 0));
+  if (!fits || memory.kept < segments_.size()) forget_memory();
+  if (!fits) return;  // A broker that contradicts itself: no memory until it begins anew.
+  segments.insert(segments.end(), memory.segments.begin(), memory.segments.end());
+  segments_ = std::move(segments);
+  news_.memory = {memory.stream, memory.generation, 0, segments_};
+  lock.unlock();
+  wake_();
+}
+
+void Receiver::hold(const control::Remember& memory, const PoseMemory& poses) {
+  std::unique_lock lock(mutex_);
+  const bool begins = memory.segments.size() <= segments_.size() &&
+                      std::equal(memory.segments.begin(), memory.segments.end(), segments_.begin());
+  if (!begins || poses.layout() != decoder_.layout()) return;
+  decoder_.set_memory(poses);
+  lock.unlock();
+  connection_->hold(*this, memory.generation);
 }
 
 void Receiver::on_down(const Error& why, milliseconds wait) {
@@ -82,6 +115,7 @@ void Receiver::on_down(const Error& why, milliseconds wait) {
 void Receiver::on_info(const control::StreamInfo& info) {
   std::unique_lock lock(mutex_);
   decoder_.set_stream(info);
+  if (std::exchange(epoch_, info.epoch) != info.epoch) forget_memory();
   news_.info = info;
   news_.declined = condition_.declined = false;
   condition_.retry_at_us.reset();

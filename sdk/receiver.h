@@ -31,6 +31,7 @@ class Receiver final : private BrokerConnection::Listener {
     std::optional<BrokerUrl> broker;          ///< Set when one was reached since the last take.
     std::deque<ReceivedPose> poses;           ///< At most 64, newest kept; absent bands are zero yet.
     std::optional<control::StreamInfo> info;  ///< Set when it changed since the last take.
+    std::optional<control::Remember> memory;  ///< Likewise, with all of its segments; that of the latest info.
     bool declined = false;                    ///< The subscription was refused since then; no info came after it.
   };
   struct Condition {
@@ -51,7 +52,9 @@ class Receiver final : private BrokerConnection::Listener {
   Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake);
   ~Receiver() override { connection_->leave(*this); }
 
-  News take();                                ///< Use from one thread.
+  News take();  ///< Use from one thread.
+  /// Keys may be predicted from these poses from now on, unless a memory that begins otherwise was announced meanwhile.
+  void hold(const control::Remember& memory, const PoseMemory& poses);
   std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.
   Condition condition() const;
 
@@ -59,12 +62,14 @@ class Receiver final : private BrokerConnection::Listener {
   void on_open(const BrokerUrl& broker) override;
   void on_down(const Error& why, std::chrono::milliseconds wait) override;
   void on_info(const control::StreamInfo& info) override;
+  void on_memory(const control::Remember& memory) override;
   void on_trace(const control::Trace& trace) override;
   void on_notice(const control::Notice& notice) override;
   void on_error(const control::ErrorMessage& error, bool declined) override;
   void on_crowded_out() override;
   void on_clock(const ClockOffset::Estimate& clock) override;
   void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) override;
+  void forget_memory();  ///< REQUIRES: mutex_ is held.
   /// Errors: for the log. REQUIRES: mutex_ is held.
   Result<bool> decode(const FrameView& frame, TimeUs now);
 
@@ -75,6 +80,8 @@ class Receiver final : private BrokerConnection::Listener {
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_):
   FrameDecoder decoder_;
+  std::uint32_t epoch_ = 0;
+  std::vector<std::string> segments_;  ///< Of its memory, as announced.
   std::deque<control::Trace> traces_;  ///< Bounded, newest kept.
   News news_;
   Condition condition_;

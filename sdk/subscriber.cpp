@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "sdk/broker.h"
+#include "sdk/memory_fetcher.h"
 #include "sdk/receiver.h"
 #include "sdk/surfaces.h"
 
@@ -23,6 +24,7 @@ class BrokerSubscriber final : public Subscriber {
       : url_(url),
         surfaces_(
             std::move(cache_dir), [this] { wake(); }, request.log, memory),
+        memories_([this] { wake(); }, request.log, memory),
         receiver_(url, request, [this] { wake(); }) {}
 
   std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
@@ -35,11 +37,14 @@ class BrokerSubscriber final : public Subscriber {
     }
     Receiver::News news = receiver_.take();
     if (news.broker) surfaces_.use(*news.broker);
+    if (news.broker) memories_.use(*news.broker);
     if (news.declined) info_.reset();
     if (news.info) {
       info_ = std::move(*news.info);
       if (surfaces_.announce(*info_)) held_.reset();
     }
+    if (news.memory && info_) memories_.want(std::move(*news.memory), *info_);
+    if (memories_.add_segments()) receiver_.hold(memories_.wanted(), memories_.poses());
     if (surfaces_.add_object()) wake();
     std::vector<ReceivedPose> poses;
     if (held_ && surfaces_.is_shown(held_->envelope.epoch)) {
@@ -140,6 +145,7 @@ class BrokerSubscriber final : public Subscriber {
 
   // Last, so that they end first: they call wake().
   Surfaces surfaces_;
+  MemoryFetcher memories_;
   Receiver receiver_;
 };
 

@@ -7,6 +7,7 @@
                                            and makes sure that no truncation or extension of a frame is taken
 """
 
+import copy
 import json
 import pathlib
 import struct
@@ -262,11 +263,11 @@ class Receiver:
         require(kind in KINDS, "kind")
         name = KINDS[kind]
         is_key = name in ("key", "join")
-        require(flags & ~(1 if is_key else 2 if name == "step" else 0) == 0, "flags")
+        require(flags & ~(5 if is_key else 2 if name == "step" else 0) == 0, "flags")
         stream_id, tag = reader.varint(), reader.u8()
         require(stream_id < 2**32, "stream id")
         check = None if name == "join" else reader.u8()
-        step = 0 if is_key and not flags else reader.u8()
+        step = 0 if is_key and not flags & 1 else reader.u8()
         at, of = step >> 4, step & 15
         between = at >= 1 and of >= 1 and (at < of or at == of and not is_key or name == "estimate")
         require(between or is_key and not step, "step")
@@ -291,14 +292,12 @@ class Receiver:
         out = {"kind": name, "flags": flags if is_key else 0, "bands": bands, "at": at, "of": of, "stream_id": stream_id, "tag": tag}
         out.update(sequence=sequence, capture_us=capture)
         if name == "join":
-            self.read_join(bands, payload)
+            self.join(bands, payload.data, flags >= 4)
             self.number, self.capture, self.age = sequence, capture, age
             out.update(age_us=age, older=self.older.json(), newer=self.newer.json())
         elif name == "key":
-            key = self.read_key(bands, payload, self.newer, self.older)
-            self.older, self.newer, self.number = self.newer, key, sequence
-            self.age, self.capture = capture - self.capture, capture
-            out["pose"] = key.json()
+            out["pose"] = self.key(bands, payload.data, flags >= 4).json()
+            self.number, self.age, self.capture = sequence, capture - self.capture, capture
         elif name == "step":
             pose = self.interpolated(at, of)
             if bands:
@@ -316,6 +315,15 @@ class Receiver:
         if is_key and at:
             out["shown"] = self.interpolated(at, of).json()
         return out
+
+    def join(self, bands, data, recalled):
+        require(not recalled, "no memory")
+        self.read_join(bands, Bytes(data))
+
+    def key(self, bands, data, recalled):
+        require(not recalled, "no memory")
+        self.older, self.newer = self.newer, self.read_key(bands, Bytes(data), self.newer, self.older)
+        return self.newer
 
     def interpolated(self, at, of):
         if self.layout.get("scheme") == "hermite":
@@ -388,19 +396,29 @@ def frames_of(path):
     return json.loads(lines[0][7:]), [bytes.fromhex(line) for line in lines[1:]]
 
 
+def receiver_of(layout):
+    if "memory" not in layout:
+        return Receiver(layout)
+    from reference_memory import Memory
+
+    receiver = Memory(layout, bytes.fromhex(layout["memory"]["asset"]))
+    for segment in layout["memory"]["segments"]:
+        receiver.add_segment(bytes.fromhex(segment))
+    return receiver
+
+
 def decoded_lines(path):
     layout, frames = frames_of(path)
-    receiver = Receiver(layout)
+    receiver = receiver_of(layout)
     return [json.dumps(receiver.decode(frame), separators=(",", ":")) for frame in frames]
 
 
 def damaged_are_rejected(path):
     layout, frames = frames_of(path)
-    receiver = Receiver(layout)
+    receiver = receiver_of(layout)
     for frame in frames:
         for damaged in [frame[:size] for size in range(len(frame))] + [frame + b"\0"]:
-            probe = Receiver(layout)
-            probe.__dict__.update(receiver.__dict__)
+            probe = copy.copy(receiver)
             try:
                 probe.decode(damaged)
             except ProtocolError:

@@ -95,6 +95,7 @@ class Memory(Receiver):
             head = payload.take(4)
             phase = payload.varint()
             payload = Bytes(head + payload.take(len(data) - payload.at))
+        require(not recalled or self.has(phase), "phase")
         self.read_join(bands, payload)
         self.phase = phase if recalled else None
         return self.newer

@@ -73,7 +73,11 @@ void Publisher::on_message(const ControlMessage& message) {
     if (stream_ != nullptr) stream_->relay_trace(*trace);
     return;
   }
-  send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, trace, ping and pong"), name_);
+  if (const auto* memory = std::get_if<control::Remember>(&message)) {
+    return send(control::Remembered{name_, memory->generation, std::string(name_of(ErrorCode::kUnsupported)),
+                                    "this broker keeps no memory"});
+  }
+  send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, remember, trace, ping and pong"), name_);
 }
 
 void Publisher::on_announce(control::Announce announce) {

@@ -268,6 +268,31 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
+/// decode_key, and with a memory decode_recalled_key.
+Result<RecalledKey> read_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state,
+                             const PoseMemory* memory, ByteView payload) {
+  ByteReader reader(payload);
+  const auto head = read_head(layout, false, memory != nullptr, bands, reader);
+  if (!head) return head.error();
+  RecalledKey out{empty_key(layout, bands, head->step.value_or(state.newer.step)), 0};
+  if (memory != nullptr) {
+    const std::int64_t way = unzigzag(*head->phase), before = state.phase.value_or(0);
+    if (way < -before || way > UINT32_MAX || !memory->has(static_cast<std::uint64_t>(before + way)) ||
+        (state.phase && !memory->has(*state.phase)))
+      return corrupt_payload("a phase that the memory does not have");
+    out.phase = static_cast<std::uint32_t>(before + way);
+  }
+  RescaledValues values;
+  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
+    auto from = references(layout, state, band, out.key.step, values);
+    if (memory != nullptr && !recall(layout, state, {memory, out.phase}, band, out.key.step, from, values))
+      return corrupt_payload("its memory leaves +-2^30");
+    return read_last_run(layout, band, from, head->half_spacing, section, out.key);
+  });
+  if (!read) return read.error();
+  return out;
+}
+
 }  // namespace
 
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us, std::optional<std::uint32_t> phase) {
@@ -339,41 +364,14 @@ std::uint8_t half_spacing_of(ByteView payload) {
 }
 
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload) {
-  ByteReader reader(payload);
-  const auto head = read_head(layout, false, false, bands, reader);
-  if (!head) return head.error();
-  Key key = empty_key(layout, bands, head->step.value_or(state.newer.step));
-  RescaledValues values;
-  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) {
-    const auto from = references(layout, state, band, key.step, values);
-    return read_last_run(layout, band, from, head->half_spacing, section, key);
-  });
-  if (!read) return read.error();
-  return key;
+  auto read = read_key(layout, bands, state, nullptr, payload);
+  return read ? Result<Key>(std::move(read->key)) : read.error();
 }
 
-// Apart from decode_key, so that programs that have no memory, such as the web's, do not hold its code.
 Result<RecalledKey> decode_recalled_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state,
                                         const PoseMemory& memory, ByteView payload) {
   assert(memory.layout() == layout);
-  ByteReader reader(payload);
-  const auto head = read_head(layout, false, true, bands, reader);
-  if (!head) return head.error();
-  const std::int64_t way = unzigzag(*head->phase), before = state.phase.value_or(0);
-  if (way < -before || way > UINT32_MAX || !memory.has(static_cast<std::uint64_t>(before + way)) ||
-      (state.phase && !memory.has(*state.phase)))
-    return corrupt_payload("a phase that the memory does not have");
-  RecalledKey out{empty_key(layout, bands, head->step.value_or(state.newer.step)),
-                  static_cast<std::uint32_t>(before + way)};
-  RescaledValues values;
-  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
-    auto from = references(layout, state, band, out.key.step, values);
-    if (!recall(layout, state, {&memory, out.phase}, band, out.key.step, from, values))
-      return corrupt_payload("its memory leaves +-2^30");
-    return read_last_run(layout, band, from, head->half_spacing, section, out.key);
-  });
-  if (!read) return read.error();
-  return out;
+  return read_key(layout, bands, state, &memory, payload);
 }
 
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state) {

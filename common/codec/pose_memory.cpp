@@ -39,9 +39,7 @@ bool reads_layout(const CoefficientLayout& layout, ByteReader& reader) {
 Result<void> PoseMemory::check_size(const CoefficientLayout& layout, std::uint64_t poses) {
   const std::size_t bytes = layout.size() * sizeof(std::int32_t);
   if (poses <= kMaxPoses && poses * bytes <= kMaxBytes) return {};
-  return fail(ErrorCode::kTooLarge, "memory: " + std::to_string(poses) + " poses of " + std::to_string(bytes) +
-                                        " bytes, where " + std::to_string(kMaxPoses) + " and " +
-                                        std::to_string(kMaxBytes) + " bytes are the most");
+  return fail(ErrorCode::kTooLarge, "memory: " + std::to_string(poses) + " poses: 1,024, and 8 MiB, are the most");
 }
 
 Result<CodedSegment> encode_segment(const CoefficientLayout& layout, const AssetDigest& asset,
@@ -90,8 +88,7 @@ Result<std::shared_ptr<const MemorySegment>> decode_segment(const CoefficientLay
   ByteReader reader(bytes);
   if (reader.u32() != kMagic) return corrupt_segment("it does not begin as one");
   const std::uint8_t version = reader.u8();
-  if (version != kVersion)
-    return fail(ErrorCode::kUnsupported, "memory segment: version " + std::to_string(version) + ", this reads 1");
+  if (version != kVersion) return fail(ErrorCode::kUnsupported, "memory segment: another version than 1");
   const ByteView of = reader.bytes(asset.size());
   if (reader.failed() || !std::equal(of.begin(), of.end(), asset.begin()))
     return corrupt_segment("it belongs to another asset");

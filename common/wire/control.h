@@ -81,6 +81,22 @@ struct Announced {
   std::string resume = {};  ///< Takes the stream over, see Announce. Secret; empty: an older broker.
 };
 
+/// "remember", sender to broker and broker to viewer: poses that keys may be predicted from (see PoseMemory).
+struct Remember {
+  std::string stream;
+  std::uint32_t generation = 0;       ///< Names this memory; the broker's and the sender's numbers differ.
+  std::uint32_t kept = 0;             ///< So many segments of the memory before go first; less than it has: a new root.
+  std::vector<std::string> segments;  ///< Then these: 64 hex digits each; the broker has them as objects.
+};
+
+/// "remembered", broker to sender: its memory of that generation may be used, or why not.
+struct Remembered {
+  std::string stream;
+  std::uint32_t generation = 0;
+  std::string code = {};  ///< A name_of(ErrorCode); empty: it may be used.
+  std::string message = {};
+};
+
 /// "subscribers", broker to sender: how many watch now.
 struct Subscribers {
   std::string stream;
@@ -121,7 +137,8 @@ struct Ack {
   struct Item {
     std::uint32_t stream_id = 0;
     std::uint64_t sequence = 0;
-    std::uint8_t step = 0;  ///< The step byte of the acknowledged envelope.
+    std::uint8_t step = 0;         ///< The step byte of the acknowledged envelope.
+    std::uint32_t generation = 0;  ///< Of the memory that the viewer holds by now; 0: not said.
   };
   std::vector<Item> items;
   TimeUs time_us = 0;  ///< Client's clock.
@@ -192,7 +209,7 @@ struct Bye {
 };
 
 using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
-                             Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye>;
+                             Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered>;
 
 }  // namespace control
 

@@ -40,6 +40,10 @@ bool too_deep(std::string_view text) {
   return false;
 }
 
+bool is_asset_id(std::string_view text) {
+  return text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
+
 /// The typed fields of one JSON object: takes them out of it, checking each, or puts them into a new one. The first
 /// thing wrong is kept with the field's path, later reads then give defaults. Borrows the JSON and the error.
 class Fields {
@@ -89,8 +93,16 @@ class Fields {
   }
   void asset_id(const char* name, std::string& value) {
     text(name, value);
-    if (reads() && (value.size() != 64 || value.find_first_not_of("0123456789abcdef") != std::string::npos))
-      wrong(name, "must be 64 lower-case hexadecimal digits");
+    if (reads() && !is_asset_id(value)) wrong(name, "must be 64 lower-case hexadecimal digits");
+  }
+  void asset_ids(const char* name, std::vector<std::string>& values, std::size_t max) {
+    const Json* all = array(name, values, 0, max);
+    for (std::size_t i = 0; all != nullptr && i < all->size(); ++i) {
+      const auto* text = (*all)[i].get_ptr<const std::string*>();
+      if (text == nullptr || !is_asset_id(*text))
+        return wrong(name, "must hold texts of 64 lower-case hexadecimal digits");
+      values.push_back(*text);
+    }
   }
   template <typename Enum, std::size_t kCount>
   void word(const char* name, Enum& value, const EnumNames<Enum, kCount>& words) {
@@ -226,6 +238,7 @@ struct Describe {
       fields.integer("stream_id", item.stream_id);
       fields.integer("sequence", item.sequence);
       fields.integer("step", item.step);
+      if (fields.wants("generation", item.generation != 0)) fields.integer("generation", item.generation);
     });
     f.time("time_us", m.time_us);
   }
@@ -271,6 +284,18 @@ struct Describe {
   void operator()(control::Bye& m) const {
     if (f.wants("reason")) f.text("reason", m.reason);
     if (f.wants("retry_after_ms")) f.integer("retry_after_ms", m.retry_after_ms);
+  }
+  void operator()(control::Remember& m) const {
+    f.stream_name("stream", m.stream);
+    f.integer("generation", m.generation, 1);
+    if (f.wants("kept", m.kept != 0)) f.integer("kept", m.kept, 0, limits::kMaxMemorySegments);
+    f.asset_ids("segments", m.segments, limits::kMaxMemorySegments);
+  }
+  void operator()(control::Remembered& m) const {
+    f.stream_name("stream", m.stream);
+    f.integer("generation", m.generation, 1);
+    if (f.wants("code", !m.code.empty())) f.text("code", m.code);
+    if (f.wants("message", !m.message.empty())) f.text("message", m.message);
   }
 
  private:
@@ -320,8 +345,8 @@ struct Describe {
 };
 
 constexpr std::array<std::string_view, std::variant_size_v<ControlMessage>> kOps{
-    "welcome", "announce", "announced", "subscribers",   "subscribe", "unsubscribe", "stream", "ack",
-    "ping",    "pong",     "trace",     "trace_request", "notice",    "error",       "bye"};
+    "welcome", "announce", "announced",     "subscribers", "subscribe", "unsubscribe", "stream",   "ack",       "ping",
+    "pong",    "trace",    "trace_request", "notice",      "error",     "bye",         "remember", "remembered"};
 
 template <std::size_t kIndex = 0>
 std::optional<ControlMessage> message_of(std::string_view op) {

@@ -77,7 +77,9 @@ Result<WireFrame> parse_frame(ByteView message) {
   const unsigned kind = first & ((1u << kKindBits) - 1), flags = first >> kKindBits;
   if (kind < 1 || kind > 4) return corrupt_frame("unknown kind " + std::to_string(kind));
   head.kind = static_cast<FrameKind>(kind);
-  const unsigned known = head.is_key() ? Envelope::kAhead : head.kind == FrameKind::kStep ? kResidual : 0U;
+  const unsigned known = head.is_key()                   ? Envelope::kAhead | Envelope::kRecalled
+                         : head.kind == FrameKind::kStep ? kResidual
+                                                         : 0U;
   if ((flags & ~known) != 0) return corrupt_frame("reserved flags are set: " + std::to_string(flags));
   if (head.is_key()) head.flags = static_cast<std::uint8_t>(flags);
 

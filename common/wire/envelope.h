@@ -36,9 +36,11 @@ struct Envelope {
   static constexpr std::size_t kKeyBytes = 6;  ///< Of a key of an even stream whose id is below 128.
   /// Flag of a key or join that steps lead up to: the pose at `step` is shown in its place, or nothing.
   static constexpr std::uint8_t kAhead = 1;
+  /// Flag of a key that a memory predicts, and of a join whose newer key it predicted (see PoseMemory).
+  static constexpr std::uint8_t kRecalled = 4;
 
   FrameKind kind = FrameKind::kKey;
-  std::uint8_t flags = 0;       ///< kAhead or 0.
+  std::uint8_t flags = 0;       ///< kAhead, kRecalled.
   BandMask bands;               ///< Those in the payload. None on kEstimate; on kStep those with a residual.
   InterpolationStep step;       ///< Set on steps, estimates, and keys and joins that show a pose that leads up to them.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
@@ -50,6 +52,7 @@ struct Envelope {
 
   bool is_key() const { return kind == FrameKind::kKey || kind == FrameKind::kJoin; }
   bool is_ahead() const { return (flags & kAhead) != 0; }
+  bool is_recalled() const { return (flags & kRecalled) != 0; }
   /// Whether a pose is shown when it comes.
   bool shows() const { return !is_ahead() || step.of != 0; }
   bool operator==(const Envelope&) const = default;

@@ -19,7 +19,8 @@ inline constexpr std::uint8_t kMaxInterpolation = 15;                        ///
 inline constexpr std::size_t kMaxAssetObjectBytes = std::size_t{256} << 20;  ///< one manifest or chunk.
 inline constexpr std::size_t kMaxAcksPerMessage = 64;
 inline constexpr std::size_t kMaxTraceStages = 32;
-inline constexpr std::size_t kMaxTextBytes = 4096;  ///< one string in a control message.
+inline constexpr std::size_t kMaxMemorySegments = 256;  ///< of a generation of a pose memory.
+inline constexpr std::size_t kMaxTextBytes = 4096;      ///< one string in a control message.
 inline constexpr std::int64_t kMaxTimeUs =
     (std::int64_t{1} << 62) - 1;                             ///< stamps are 0..this: differences never overflow.
 inline constexpr std::uint32_t kMaxVelocityUs = 10'000'000;  ///< time in which a velocity channel's movement is made.

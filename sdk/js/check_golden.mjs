@@ -16,8 +16,14 @@ function textOf(frame) {
   return JSON.stringify(Object.fromEntries(entries));
 }
 
+function decoderOf({ memory, ...format }) {
+  const decoder = new FrameDecoder(format), bytes = (hex) => new Uint8Array(Buffer.from(hex, 'hex'));
+  for (const segment of memory?.segments ?? []) decoder.addSegment(bytes(memory.asset), bytes(segment));
+  return decoder;
+}
+
 function rejects(format, before, frame) {
-  const decoder = new FrameDecoder(format);
+  const decoder = decoderOf(format);
   for (const one of before) decoder.decode(one);
   try {
     decoder.decode(frame);
@@ -36,7 +42,7 @@ for (const name of files) {
   const format = JSON.parse(lines[0].slice('format '.length));
   const frames = lines.slice(1).map((line) => new Uint8Array(Buffer.from(line, 'hex')));
   const expected = readFileSync(join(process.argv[2], name.replace('.frames', '.jsonl')), 'utf8').trimEnd().split('\n');
-  const decoder = new FrameDecoder(format);
+  const decoder = decoderOf(format);
   let same = frames.length === expected.length;
   let safe = true;
   frames.forEach((frame, index) => {

@@ -48,6 +48,8 @@ export function stepSize(index: number): number;
 export class FrameDecoder {
   constructor(format: Format);
   restart(): void;
+  /** Appends a segment of the memory that `remember` names; `asset`: the 32 bytes of its id. Throws ProtocolError. */
+  addSegment(asset: Uint8Array, bytes: Uint8Array): void;
   /** Null where the frame needs keys that are not there: wait for a join. Throws ProtocolError on bytes that break the protocol. */
   decode(bytes: Uint8Array): Frame | null;
 }

@@ -3,7 +3,9 @@
 // Decodes the binary frames of a stream (docs/protocol.md, sections 4 to 8): bytes in, poses out, no dependency. Bit-exact: integers
 // beyond 2^53 are BigInt, all others stay below.
 
-const AHEAD = 1, RESIDUAL = 2;
+const AHEAD = 1, RESIDUAL = 2, RECALLED = 4;
+const SEGMENT_MAGIC = [0x45, 0x43, 0x50, 0x4d, 1];
+const MAX_POSES = 1024, MAX_MEMORY_BYTES = 2 ** 23;
 const MAX_FRAME_BYTES = 2 ** 20;
 const MAX_VALUE = 2 ** 30;
 const MAX_TIME = 2n ** 62n - 1n;
@@ -260,10 +262,30 @@ function readCoarse(section, m, channels, c1, c2, into) {
   require(scale >= 0 && scale <= MAX_SCALE, 'scale');
   const speed = 2 * (coder.number(4) - 4);
   const restoring = (coder.decision() ? coder.number(4) : 12) - 12;
-  const contexts = new Contexts(m, channels, scale, speeds);
+  readLevels(coder, new Contexts(m, channels, scale, speeds), m, into,
+    (i) => c1[i] + Math.floor((speed * (c1[i] - older[i]) + restoring * c1[i] + 8) / 16));
+}
+
+/** A run predicted from the memory: e its pose, e1 that of the newer key, if that was predicted from it. */
+function readRecalled(section, m, channels, c1, c2, e, e1, into) {
+  require(c1 !== null, 'coarse run without the newer key');
+  const older = c2 ?? c1, before = e1 ?? e;
+  const speeds = c1.map((c, i) => Math.abs(c - older[i]));
+  const expected = expectedScale(speeds, m);
+  const coder = new RangeDecoder(section.rest());
+  const scale = coder.scale(Math.min(expected, 5));
+  require(scale >= 0 && scale <= MAX_SCALE, 'scale');
+  const hold = 2 * (coder.decision() ? 1 + coder.number(2) : 0);
+  const speed = (coder.decision() ? coder.number(4) : 4) - 4;
+  const shift = Math.max(0, expected - scale) >> 1;
+  readLevels(coder, new Contexts(m, channels, scale, speeds.map((s) => Math.floor(s / 2 ** shift))), m, into,
+    (i) => e[i] + Math.floor((hold * (c1[i] - before[i]) + speed * (c1[i] - older[i]) + 4) / 8));
+}
+
+function readLevels(coder, contexts, m, into, predicted) {
   let state = 0;
   for (let i = 0; i < into.length; ++i) {
-    let value = c1[i] + Math.floor((speed * (c1[i] - older[i]) + restoring * c1[i] + 8) / 16);
+    let value = predicted(i);
     const rule = state >> 1;
     const context = contexts.next(i);
     const level = coder.level(more(context - (rule === 0 ? 12 : 0)), more(context - (rule === 0 ? 20 : 19)), more(context - 18));
@@ -279,6 +301,9 @@ function readCoarse(section, m, channels, c1, c2, into) {
 /** Frames of one stream and epoch. */
 export class FrameDecoder {
   #format;
+  #segments = [];
+  #poseCount = 0;
+  #phase = null;
   #older = null;
   #newer = null;
   #number = null;
@@ -294,16 +319,90 @@ export class FrameDecoder {
     this.#older = this.#newer = this.#number = null;
   }
 
+  /** Appends a segment to the memory that keys may be predicted from; `asset`: the 32 bytes of its id. */
+  addSegment(asset, bytes) {
+    const reader = new Reader(bytes);
+    require(this.#quantised && [...SEGMENT_MAGIC, ...asset].every((byte) => reader.u8() === byte), 'no segment of this asset');
+    const { channels, rows, band_ends: ends } = this.#format;
+    require(reader.u8() === channels && reader.u8() === ends.length && ends.every((end) => reader.varint() === BigInt(end)), 'another layout');
+    const count = reader.varint(), all = BigInt(this.#poseCount) + count;
+    require(count > 0n && all <= MAX_POSES && all * BigInt(4 * rows * channels) <= MAX_MEMORY_BYTES, 'size of the memory');
+    const chain = new FrameDecoder(this.#format), poses = [], bands = 2 ** ends.length - 1;
+    while (poses.length < count) {
+      const length = reader.varint();
+      require(length <= bytes.length, 'ends early');
+      poses.push(chain.#addPose(bands, new Reader(reader.take(Number(length)))));
+    }
+    reader.finish();
+    require(poses.every((pose) => pose.step === poses[0].step), 'a pose of another step');
+    this.#segments.push({ first: this.#poseCount, step: poses[0].step, poses: poses.map((pose) => pose.values) });
+    this.#poseCount += poses.length;
+  }
+
+  #addPose(bands, payload) {
+    if (this.#newer === null) this.#readJoin(bands, payload);
+    else [this.#older, this.#newer] = [this.#newer, this.#readKey(bands, payload, this.#newer, this.#older)];
+    return this.#newer;
+  }
+
+  #segmentOf(phase) {
+    return this.#segments.findLast(({ first }) => first <= phase >> 3);
+  }
+
+  #has(phase) {
+    if (phase < 0 || phase >= 8 * this.#poseCount) return false;
+    const segment = this.#segmentOf(phase);
+    return phase % 8 === 0 || (phase >> 3) + 1 < segment.first + segment.poses.length;
+  }
+
+  /** The band's values of the memory at a phase. */
+  #recall(phase, step, band) {
+    const segment = this.#segmentOf(phase), [first, last] = this.#range(band), f = phase % 8;
+    const [p0, p1, p2, p3] = [-1, 0, 1, 2].map((n) => {
+      const i = (phase >> 3) - segment.first + n;
+      return segment.poses[Math.min(Math.max(i, 0), segment.poses.length - 1)].slice(first, last);
+    });
+    const w0 = -f * (8 - f) ** 2, w1 = (3 * f - 40) * f * f + 1024, w2 = (32 - 3 * f) * f * f + 64 * f, w3 = -f * f * (8 - f);
+    return p1.map((value, i) => {
+      const between = f === 0 ? value : Math.floor((w0 * p0[i] + w1 * value + w2 * p2[i] + w3 * p3[i] + 512) / 1024);
+      const there = rescale(inRange(between), segment.step, step);
+      require(there !== null, 'the memory leaves the range');
+      return there;
+    });
+  }
+
+  #readRecalledKey(bands, payload) {
+    const [m, step] = this.#readHead(payload, this.#newer);
+    require(m > 0 && this.#quantised, 'exact, and from a memory');
+    const code = payload.varint(), before = this.#phase;
+    const phase = Number(BigInt(before ?? 0) + (code % 2n === 0n ? code / 2n : -(code + 1n) / 2n));
+    require(this.#has(phase) && (before === null || this.#has(before)), 'phase');
+    const key = this.#emptyKey(bands, step);
+    this.#eachSection(bands, payload, (band, section) => {
+      const c1 = this.#reference(this.#newer, band, step);
+      const c2 = c1 === null ? null : this.#reference(this.#older, band, step);
+      const e = c1 === null ? null : this.#recall(phase, step, band);
+      const e1 = c1 === null || before === null ? null : this.#recall(before, step, band);
+      if (section.peek() === EXACT_FOLLOWS) return this.#readRun(section, m, c1, c2, band, key);
+      const [first, last] = this.#range(band), run = new Array(last - first);
+      readRecalled(section, m, this.#format.channels, c1, c2, e, e1, run);
+      run.forEach((value, i) => { key.values[first + i] = value; });
+    });
+    this.#phase = phase;
+    return key;
+  }
+
   decode(bytes) {
     require(bytes.length <= MAX_FRAME_BYTES, 'size of the frame');
     const reader = new Reader(bytes);
     const first = reader.u8(), kind = first & 7;
     require(kind >= 1 && kind <= 4, 'kind');
     const flags = first >> 3, isKey = kind <= 2, isJoin = kind === 2;
-    require((flags & (isKey ? ~AHEAD : kind === 3 ? ~RESIDUAL : ~0)) === 0, 'flags');
+    require((flags & (isKey ? ~(AHEAD | RECALLED) : kind === 3 ? ~RESIDUAL : ~0)) === 0, 'flags');
+    const recalled = isKey && flags >= RECALLED;
     const streamId = reader.varint(), tag = reader.u8(), check = isJoin ? 0 : reader.u8();
     require(streamId < 2n ** 32n, 'stream id');
-    const step = isKey && flags === 0 ? 0 : reader.u8(), at = step >> 4, of = step & 15;
+    const step = isKey && (flags & AHEAD) === 0 ? 0 : reader.u8(), at = step >> 4, of = step & 15;
     require((isKey && step === 0) || (at >= 1 && of >= 1 && (at < of || (at === of && !isKey) || kind === 4)), 'step');
     const hasBands = isKey || flags === RESIDUAL, bands = hasBands ? reader.u8() : 0;
     require(bands < 2 ** this.#format.band_ends.length, 'unknown bands');
@@ -322,11 +421,12 @@ export class FrameDecoder {
     const frame = { kind: KINDS[kind], flags: isKey ? flags : 0, bands, at, of, streamId: Number(streamId), tag, sequence, captureUs };
     if (isJoin) {
       frame.ageUs = joined[2];
-      this.#readJoin(bands, payload);
+      this.#readJoin(bands, payload, recalled);
       [this.#number, this.#captureUs, this.#ageUs] = joined;
       Object.assign(frame, { older: this.#older, newer: this.#newer });
     } else if (kind === 1) {
-      frame.pose = this.#readKey(bands, payload, this.#newer, this.#older);
+      if (recalled) frame.pose = this.#readRecalledKey(bands, payload);
+      else [frame.pose, this.#phase] = [this.#readKey(bands, payload, this.#newer, this.#older), null];
       [this.#older, this.#newer, this.#number] = [this.#newer, frame.pose, sequence];
       this.#ageUs = captureUs - this.#captureUs;
       this.#captureUs = captureUs;
@@ -437,11 +537,13 @@ export class FrameDecoder {
     return key;
   }
 
-  #readJoin(bands, payload) {
+  #readJoin(bands, payload, recalled = false) {
     const [m, step] = this.#readHead(payload);
     require(m === 0, 'spacing of a join');
     const olderStep = this.#readStep(payload);
     const olderBands = payload.u8();
+    const phase = recalled ? payload.varint() : null;
+    require(phase === null || (this.#quantised && phase < 2n ** 32n && this.#has(Number(phase))), 'phase');
     require((olderBands & ~bands) === 0, 'older bands');
     const older = this.#emptyKey(olderBands, olderStep), newer = this.#emptyKey(bands, step);
     this.#eachSection(bands, payload, (band, section) => {
@@ -450,6 +552,7 @@ export class FrameDecoder {
     });
     this.#older = older;
     this.#newer = newer;
+    this.#phase = phase === null ? null : Number(phase);
   }
 
   /** Calls visit(index) for each value of the bands. */

@@ -51,6 +51,7 @@ class Session {
   void announce(ByteReader& reader) {
     const control::StreamInfo info = stream_from(reader);
     decoder_.set_stream(info);
+    memory_.reset();
     reader_.begin(info.stream_id, 0, info.epoch);
     if (info.state == control::StreamInfo::State::kLive) epoch_ = info.epoch;
   }
@@ -59,7 +60,7 @@ class Session {
   void send(ByteReader& reader) {
     Envelope head;
     head.kind = static_cast<FrameKind>(1 + reader.u8() % 4);
-    head.flags = reader.u8() % 4 == 0 ? Envelope::kAhead : std::uint8_t{0};
+    head.flags = reader.u8() & (head.is_key() ? Envelope::kAhead | Envelope::kRecalled : 0);
     head.bands = reader.u8();
     const std::uint8_t step = reader.u8();
     if (!head.is_key() || head.is_ahead())
@@ -96,6 +97,22 @@ class Session {
     if (*pose) check(**pose);
   }
 
+  /// A memory of a few poses, or none.
+  void remember(ByteReader& reader) {
+    const CoefficientLayout& layout = decoder_.layout();
+    memory_.reset();
+    if (layout.rows > 0 && !layout.is_float()) {
+      std::vector<Key> poses;
+      for (unsigned count = reader.u8() % 4; poses.size() < count;) {
+        poses.push_back(state_from(layout, reader).newer);
+        poses.back().step = poses.front().step;
+      }
+      const auto coded = encode_segment(layout, {}, poses, 3);
+      if (coded) memory_ = PoseMemory(layout).with(coded->segment).value();
+    }
+    decoder_.set_memory(memory_);
+  }
+
   void restart() {
     decoder_.restart();
     reader_.restart();
@@ -127,7 +144,7 @@ class Session {
  private:
   /// As append_envelope, which takes no heads that are not well made.
   static Bytes message_of(const Envelope& head, const Bytes& payload) {
-    const bool join = head.kind == FrameKind::kJoin, residual = head.kind == FrameKind::kEstimate && payload.size() > 0;
+    const bool join = head.kind == FrameKind::kJoin, residual = head.kind == FrameKind::kStep && payload.size() > 0;
     const auto time = static_cast<std::uint64_t>(head.capture_us);
     Bytes message;
     ByteWriter writer(message);
@@ -136,19 +153,24 @@ class Session {
     writer.varint(head.stream_id);
     writer.u8(head.tag);
     if (!join) writer.u8(static_cast<std::uint8_t>(head.sequence));
-    if (!head.is_key()) writer.u8(head.step.byte());
-    if (head.kind <= FrameKind::kSynthetic || residual) writer.u8(head.bands.bits);
+    if (!head.is_key() || head.is_ahead()) writer.u8(head.step.byte());
+    if (head.is_key() || residual) writer.u8(head.bands.bits);
     if (join) writer.varint(head.sequence);
-    if (head.kind <= FrameKind::kSynthetic) writer.varint(time);
+    if (head.is_key()) writer.varint(time);
     if (join) writer.varint(time / 2);
     writer.bytes(payload);
     return message;
   }
 
-  static Bytes well_made(Envelope& head, const CoefficientLayout& layout, ByteReader& reader) {
-    const ChainState state = state_from(layout, reader);
+  Bytes well_made(Envelope& head, const CoefficientLayout& layout, ByteReader& reader) const {
+    ChainState state = state_from(layout, reader);
     head.bands = layout.all_bands();
+    if (head.is_recalled()) state.phase = reader.u8() % 32;
     if (head.kind == FrameKind::kJoin) return encode_join(layout, state).value();
+    if (head.is_recalled() && memory_) {
+      const auto coded = encode_recalled_key(layout, state, *memory_, reader.u8() % 32, state.newer, 6);
+      return coded ? coded->payload : Bytes();
+    }
     const auto coded = encode_key(layout, state, state.newer, layout.codec == CodecKind::kQuantised ? 6 : 0);
     return coded ? coded->payload : Bytes();
   }
@@ -163,6 +185,7 @@ class Session {
 
   FrameDecoder decoder_;
   EnvelopeReader reader_;
+  std::optional<PoseMemory> memory_;
   std::uint32_t epoch_ = 0;
 };
 
@@ -181,6 +204,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         session.restart();
         break;
       case 2:
+        session.remember(reader);
+        break;
+      case 3:
         session.take(reader.bytes(std::min<std::size_t>(reader.u8(), reader.remaining())));
         break;
       default:

@@ -11,6 +11,7 @@
 
 #include "common/codec/chain.h"
 #include "common/codec/key.h"
+#include "common/codec/pose_memory.h"
 #include "common/wire/envelope.h"
 #include "tests/support/paths.h"
 
@@ -55,6 +56,21 @@ class Stream {
               std::string(name_of(layout_.codec)) + "\"" + more + "}\n";
   }
 
+  /// Begins with a memory of these poses, in segments of four. REQUIRES: nothing was written.
+  void remember(const std::vector<Key>& poses) {
+    constexpr AssetDigest kAsset{0xa5, 7};
+    memory_.emplace(layout_);
+    std::string hex;
+    for (std::size_t i = 0; i < poses.size(); i += 4) {
+      const auto coded = encode_segment(layout_, kAsset, std::span(poses).subspan(i, 4), 3).value();
+      memory_ = memory_->with(decode_segment(layout_, kAsset, coded.bytes).value()).value();
+      hex += (hex.empty() ? "\"" : ",\"") + hex_of(coded.bytes) + "\"";
+    }
+    frames_.resize(frames_.size() - 2);
+    const std::string asset = hex_of({kAsset.begin(), kAsset.end()});
+    frames_ += ",\"memory\":{\"asset\":\"" + asset + "\",\"segments\":[" + hex + "]}}\n";
+  }
+
   /// Integers that fall off with the row and move unevenly, from no floating-point function.
   Key pose(int time, std::uint8_t step) const {
     Key key;
@@ -78,8 +94,9 @@ class Stream {
   void join(std::optional<InterpolationStep> ahead = {}) {
     const Bytes payload = encode_join(layout_, *sender_).value();
     const auto bands = sender_->newer.bands;
-    const auto decoded = decode_join(layout_, bands, payload);
+    const auto decoded = decode_join(layout_, bands, payload, sender_->phase.has_value());
     ASSERT_TRUE(decoded) << decoded.error().message;
+    ASSERT_EQ(decoded->phase, sender_->phase);
     receiver_ = *decoded;
     receiver_->age_us = sender_->age_us;
     write_key(FrameKind::kJoin, bands, ahead, payload,
@@ -91,18 +108,25 @@ class Stream {
     join();
   }
   void key(const Key& key, std::uint8_t half_spacing, std::uint8_t keep = 255,
-           std::optional<InterpolationStep> ahead = {}) {
+           std::optional<InterpolationStep> ahead = {}, std::optional<std::uint32_t> at = {}) {
     ++sequence_;
-    auto [payload, coded, phase] = encode_key(layout_, *sender_, key, half_spacing).value();
+    auto [payload, coded, phase] = (at ? encode_recalled_key(layout_, *sender_, *memory_, *at, key, half_spacing)
+                                       : encode_key(layout_, *sender_, key, half_spacing))
+                                       .value();
+    ASSERT_EQ(phase, at);
     const BandMask bands = key.bands & keep;
-    if (bands != key.bands) payload = cut_bands(layout_, false, key.bands, keep, payload).value();
-    const auto decoded = decode_key(layout_, bands, *receiver_, payload);
+    if (bands != key.bands) payload = cut_bands(layout_, false, key.bands, keep, payload, at.has_value()).value();
+    const auto decoded = [&]() -> Result<Key> {
+      if (!at) return decode_key(layout_, bands, *receiver_, payload);
+      auto recalled = decode_recalled_key(layout_, bands, *receiver_, *memory_, payload);
+      return recalled ? Result<Key>(recalled->key) : recalled.error();
+    }();
     ASSERT_TRUE(decoded) << decoded.error().message;
     if (bands == key.bands) {
       ASSERT_EQ(*decoded, coded);
     }
-    receiver_ = advanced(receiver_, *decoded, 30'000);
-    sender_ = advanced(sender_, *decoded, 30'000);
+    receiver_ = advanced(receiver_, *decoded, 30'000, phase);
+    sender_ = advanced(sender_, *decoded, 30'000, phase);
     write_key(FrameKind::kKey, bands, ahead, payload, ",\"pose\":" + json_of(layout_, *decoded));
   }
   void step(std::uint8_t at, std::uint8_t of) {
@@ -161,7 +185,8 @@ class Stream {
                  std::string decoded) {
     const InterpolationStep step = ahead.value_or(InterpolationStep{});
     if (step.of != 0) decoded += ",\"shown\":" + json_of(layout_, made(step.at, step.of));
-    const std::uint8_t flags = ahead ? Envelope::kAhead : 0;
+    const auto flags =
+        static_cast<std::uint8_t>((ahead ? Envelope::kAhead : 0) | (receiver_->phase ? Envelope::kRecalled : 0));
     write({kind, flags, bands, step, 7, 3, sequence_, capture(3, 3), 200, receiver_->age_us}, payload, decoded);
   }
 
@@ -186,6 +211,7 @@ class Stream {
 
   CoefficientLayout layout_;
   VelocityChannels velocities_;
+  std::optional<PoseMemory> memory_;
   std::optional<ChainState> sender_, receiver_;
   std::optional<ChainClock> newest_;
   std::uint64_t sequence_ = 1;
@@ -238,6 +264,35 @@ TEST(Golden, StepsAndResiduals) {
   stream.residual(15, 15, 0b001, 30, 20);
   stream.step(15, 15);
   stream.check("quantised-steps");
+}
+
+TEST(Golden, KeysOfAMemory) {
+  constexpr InterpolationStep kFirst{1, 3}, kNone{};
+  Stream stream({CodecKind::kQuantised, 6, 3, kGoldenBandEnds});
+  std::vector<Key> poses;
+  for (int time = 0; time < 12; ++time) poses.push_back(stream.pose(time, 120));
+  stream.remember(poses);
+  stream.first(stream.pose(0, 120));
+  stream.key(stream.pose(1, 120), 4, 255, {}, 8);
+  stream.key(stream.pose(2, 120), 5, 255, kFirst, 19);
+  for (std::uint8_t at = 2; at <= 3; ++at) stream.step(at, 3);
+  stream.join();
+  stream.key(stream.pose(2, 120), 5, 0b011, kNone, 20);
+  stream.residual(1, 3, 0b010, 40, 3);
+  stream.join(InterpolationStep{1, 2});
+  stream.key(stream.pose(4, 120), 4);
+  stream.join();
+  stream.key(stream.pose(5, 117), 63, 255, {}, 40);
+  stream.key(stream.pose(11, 117), 1, 255, {}, 88);
+  stream.estimate(false, 1, 3);
+  Key extreme = stream.pose(5, 117);
+  extreme.q[4] = 1 << 30;
+  stream.key(extreme, 2, 0b101, {}, 0);
+  stream.join();
+  for (int time = 3; time < 10; ++time)
+    stream.key(stream.pose(time, 120), 4, 255, {},
+               static_cast<std::uint32_t>(time == 6 ? 32 : 8 * time + (time % 4 == 3 ? 0 : 3)));
+  stream.check("quantised-memory");
 }
 
 TEST(Golden, HermiteAndEstimateFrames) {

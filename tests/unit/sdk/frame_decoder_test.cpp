@@ -148,6 +148,89 @@ TEST_F(Decoding, KeysSentAheadShowAStepOrNothing) {
             *interpolate_keys(coder_.layout, Coder::key(2), Coder::key(3), 2, 3));
 }
 
+/// Keys of a memory: what Coder::key makes, remembered four keys at a time.
+class DecodingFromMemory : public Decoding {
+ protected:
+  DecodingFromMemory() {
+    constexpr AssetDigest kAsset{9};
+    for (std::uint64_t first = 1; first < 9; first += 4) {
+      std::vector<Key> keys;
+      for (std::uint64_t s = first; s < first + 4; ++s) keys.push_back(Coder::key(s));
+      memory_ = memory_.with(encode_segment(coder_.layout, kAsset, keys, 1).value().segment).value();
+    }
+    state_ = advanced(std::nullopt, Coder::key(1), 0);
+  }
+  CodedFrame join() {
+    CodedFrame frame = coder_.join();
+    frame.envelope.flags = state_.phase ? Envelope::kRecalled : std::uint8_t{0};
+    frame.envelope.sequence = sequence_;
+    frame.payload = *encode_join(coder_.layout, state_);
+    return frame;
+  }
+  CodedFrame recalled(std::uint32_t phase) {
+    const CodedKey coded =
+        encode_recalled_key(coder_.layout, state_, memory_, phase, Coder::key(++sequence_), 3).value();
+    state_ = advanced(std::move(state_), coded.key, 33'333, coded.phase);
+    CodedFrame frame = coder_.join();
+    frame.envelope.kind = FrameKind::kKey;
+    frame.envelope.flags = Envelope::kRecalled;
+    frame.envelope.sequence = sequence_;
+    frame.payload = coded.payload;
+    return frame;
+  }
+  PoseMemory memory_{coder_.layout};
+  ChainState state_;
+  std::uint64_t sequence_ = 1;
+  const CodedFrame first_ = coder_.next_key();
+};
+
+TEST_F(DecodingFromMemory, KeysAndJoinsRoundTrip) {
+  decoder_.set_memory(memory_);
+  decode(first_);
+  for (std::uint32_t pose = 1; pose < 8; ++pose) {
+    const CodedFrame frame = recalled(8 * pose);
+    EXPECT_EQ(decode(frame), state_.newer) << pose;
+    FrameDecoder late;
+    late.set_stream(live_stream());
+    late.set_memory(memory_);
+    const auto joined = late.decode(join().view());
+    ASSERT_TRUE(joined && *joined);
+    EXPECT_EQ(**joined, state_.newer);
+    decoder_ = late;
+  }
+}
+
+TEST_F(DecodingFromMemory, FramesOfAMemoryThatIsNotHereWaitForAPlainJoin) {
+  decode(first_);
+  EXPECT_EQ(decoder_.decode(recalled(8).view()).error().code, ErrorCode::kCorrupt);
+  EXPECT_EQ(decoder_.decode(join().view()).error().code, ErrorCode::kCorrupt);
+  EXPECT_FALSE(decoder_.newest());
+  PoseMemory less(coder_.layout);
+  decoder_.set_memory(less.with(encode_segment(coder_.layout, {}, std::vector{Coder::key(1)}, 1)->segment).value());
+  EXPECT_EQ(decoder_.decode(join().view()).error().code, ErrorCode::kCorrupt) << "a phase that it does not have";
+  state_.phase.reset();
+  EXPECT_EQ(decode(join()), state_.newer);
+}
+
+TEST_F(DecodingFromMemory, MemoryEndsWithItsEpoch) {
+  decoder_.set_memory(memory_);
+  decoder_.set_stream(live_stream(6));
+  decoder_.set_stream(live_stream(5));
+  decode(first_);
+  EXPECT_FALSE(decoder_.decode(recalled(8).view()));
+}
+
+/// What the state remembers of one memory means nothing in the next.
+TEST_F(DecodingFromMemory, MemoryThatIsForgottenLeavesNoPhase) {
+  decoder_.set_memory(memory_);
+  decode(first_);
+  decode(recalled(40));
+  decoder_.set_memory(std::nullopt);
+  decoder_.set_memory(memory_);
+  state_.phase.reset();
+  EXPECT_EQ(decode(recalled(16)), state_.newer);
+}
+
 TEST_F(Decoding, JoinIsDecodableAtAnyMoment) {
   for (int i = 0; i < 5; ++i) coder_.next_key();
   EXPECT_EQ(decode(coder_.join()), Coder::key(5));

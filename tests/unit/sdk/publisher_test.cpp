@@ -55,6 +55,26 @@ TEST(Publisher, PositionsAreProjectedOnTheBasis) {
   EXPECT_EQ(sender.publisher->send_positions(positions, steady_now_us()).error().code, ErrorCode::kInvalidArgument);
 }
 
+TEST(Publisher, MemoryThatCannotBeIsRefused) {
+  LoopbackBroker broker;
+  Sender exact(broker, 40);
+  const CoefficientLayout layout{CodecKind::kQuantised, 40, 3, model(40).asset->band_ends};
+  const auto segment = [&](const CoefficientLayout& of, std::size_t poses) {
+    const auto key = key_from_coefficients(of, std::vector<double>(of.size(), 1), 160).value();
+    return encode_segment(of, model(40).encoded->manifest.id.digest, std::vector(poses, key), 3).value();
+  };
+  EXPECT_EQ(exact.publisher->remember({segment(layout, 2)}).error().code, ErrorCode::kInvalidArgument) << "float";
+  Sender sender(broker, 40, CodecKind::kQuantised);
+  const CoefficientLayout other{CodecKind::kQuantised, 41, 3, {41}};
+  EXPECT_EQ(sender.publisher->remember({segment(other, 2)}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(sender.publisher->remember({segment(layout, 1000), segment(layout, 25)}).error().code,
+            ErrorCode::kTooLarge);
+  const std::vector<CodedSegment> many(limits::kMaxMemorySegments + 1, segment(layout, 1));
+  EXPECT_EQ(sender.publisher->remember(many).error().code, ErrorCode::kTooLarge);
+  ASSERT_TRUE(sender.publisher->remember({segment(layout, 2)}));
+  EXPECT_EQ(sender.publisher->remember({segment(layout, 3)}).error().code, ErrorCode::kRefused) << "one is under way";
+}
+
 TEST(Publisher, SecondSenderOfAStreamIsRefused) {
   LoopbackBroker broker;
   Sender first(broker, 40);

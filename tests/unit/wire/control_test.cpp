@@ -49,6 +49,12 @@ std::vector<ControlMessage> samples() {
       ErrorMessage{"not-found", "asset \"x\": not here\n", "lab/horse"},
       ErrorMessage{"corrupt", "frame: unknown kind 9", ""},
       Bye{"shutting down", 500},
+      Remember{"lab/horse", 4, 0, {kAsset, kSecret}},
+      Remember{"lab/horse", 5, 2, {std::string(64, 'c')}},
+      Remember{"lab/horse", 4294967295u, 256, {}},
+      Remembered{"lab/horse", 5},
+      Remembered{"lab/horse", 5, "too-large", "memory: 1025 poses"},
+      Ack{{{7, 1234, 0x23, 5}, {8, 1, 0}}, 1},
   };
 }
 
@@ -159,6 +165,15 @@ TEST(Control, RefusalsNameTheField) {
       {R"({"op":"stream","stream":"a","state":"dead","stream_id":1,"epoch":1})", "'state'"},
       {R"({"op":"stream","stream":"a","state":"live","stream_id":1,"epoch":1})", "'tag' is missing"},
       {R"({"op":"announced","stream":"a","stream_id":1,"epoch":1,"tag":256})", "'tag'"},
+      {R"({"op":"remember","stream":"a","generation":0,"segments":[]})", "'generation'"},
+      {R"({"op":"remember","stream":"a","generation":4294967296,"segments":[]})", "'generation'"},
+      {R"({"op":"remember","stream":"a","generation":1})", "'segments' is missing"},
+      {R"({"op":"remember","stream":"a","generation":1,"segments":[7]})", "'segments'"},
+      {R"({"op":"remember","stream":"a","generation":1,"segments":["AB"]})", "'segments'"},
+      {R"({"op":"remember","stream":"a","generation":1,"kept":257,"segments":[]})", "'kept'"},
+      {R"({"op":"remembered","stream":"a"})", "'generation' is missing"},
+      {R"({"op":"ack","items":[{"stream_id":1,"sequence":1,"step":0,"generation":-1}],"time_us":0})",
+       "'items.generation'"},
   };
   for (const auto& [text, expected] : cases) {
     const auto parsed = control_from_text(text);
@@ -193,6 +208,11 @@ TEST(Control, SizeAndDepthAreCapped) {
   EXPECT_TRUE(control_from_text(text_from_control(ack)));
   ack.items.emplace_back();
   EXPECT_FALSE(control_from_text(text_from_control(ack)));
+
+  Remember most{"a", 1, 0, std::vector<std::string>(limits::kMaxMemorySegments, kSecret)};
+  EXPECT_TRUE(control_from_text(text_from_control(most)));
+  most.segments.push_back(kSecret);
+  EXPECT_FALSE(control_from_text(text_from_control(most)));
 }
 
 TEST(Control, InvalidUtf8IsReplaced) {

@@ -104,6 +104,7 @@ TEST(Envelope, EachKindRoundTrips) {
       const auto of = static_cast<std::uint8_t>(2 + random() % 14);
       if (random() % 2 == 0) envelope.step = {static_cast<std::uint8_t>(1 + random() % (of - 1)), of};
     }
+    if (envelope.is_key() && random() % 2 == 0) envelope.flags |= Envelope::kRecalled;
     if (!envelope.is_key()) {
       envelope.step.of = static_cast<std::uint8_t>(1 + random() % 15);
       const bool beyond = envelope.kind == FrameKind::kEstimate;
@@ -169,10 +170,11 @@ TEST(Envelope, UnknownKindsAndReservedFlagsAreRejected) {
       // The byte of the bands serves as step, and the next one as bands.
       Bytes frame = frame_of(sample(kind), payload_of(sample(kind)));
       frame[0] = byte;
-      if (flags == 1) frame.insert(frame.begin() + (kind == FrameKind::kJoin ? 4 : 5), 0x13);
+      if (flags == 1 || flags == 5) frame.insert(frame.begin() + (kind == FrameKind::kJoin ? 4 : 5), 0x13);
       if (flags == 2) frame.insert(frame.end(), {1, 9});
-      const bool ahead = flags == 1 && sample(kind).is_key(), residual = flags == 2 && kind == FrameKind::kStep;
-      EXPECT_EQ(parsed(frame).has_value(), flags == 0 || ahead || residual) << int{byte};
+      const bool of_key = sample(kind).is_key() && (flags & ~(Envelope::kAhead | Envelope::kRecalled)) == 0;
+      EXPECT_EQ(parsed(frame).has_value(), flags == 0 || of_key || (flags == 2 && kind == FrameKind::kStep))
+          << int{byte};
     }
   }
   for (const int kind : {0, 5, 6, 7}) EXPECT_FALSE(with_byte(FrameKind::kKey, 0, static_cast<std::uint8_t>(kind)));
