@@ -2,9 +2,10 @@
 import { connect, profileIn } from '../client/client.js';
 import { checkedName } from '../client/url.js';
 import { Stage } from '../view/stage.js';
-import { ListPage } from './list_page.js';
+import { View } from '../view/view.js';
 import { Note } from './note.js';
-import { hideToken, placeOf } from './place.js';
+import { command, part } from './parts.js';
+import { hideToken, pageOf, placeOf } from './place.js';
 import { StreamPage } from './stream_page.js';
 
 // The page that a broker serves: /: its streams; /NAME: one of them.
@@ -14,8 +15,8 @@ async function open(): Promise<void> {
   hideToken(place);
   const broker = await connect(place.base, { token: place.token });
   if (place.stream === '') {
-    const stage = await Stage.make(broker.module).catch(() => undefined);
-    return new ListPage(place, broker, stage).run();
+    const [{ ListPage }, stage] = await Promise.all([import('./list_page.js'), Stage.make(broker.module).catch(() => undefined)]);
+    return new ListPage(place, broker, stage, { View, part, command, pageOf }).run();
   }
   const stage = await Stage.make(broker.module);
   new StreamPage(place, broker, stage, broker.watch(checkedName(place.stream), { profile: profileIn(place.query) }));

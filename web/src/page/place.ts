@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+import { checkedName } from '../client/url.js';
 import type { Camera } from '../view/camera.js';
 import type { Vec3 } from '../view/matrix.js';
 
@@ -52,6 +53,16 @@ function kept(base: string): string {
 export function linkOf({ base, stream, query }: Place, camera?: Camera): string {
   const said = query.toString(), at = (v: Vec3): string => v.map((x) => Number(x.toPrecision(5))).join(',');
   return `${base}/${stream}${said === '' ? '' : `?${said}`}${camera?.isMoved ? `#eye=${at(camera.position)}&target=${at(camera.target)}` : ''}`;
+}
+/** Of a stream that somebody names: of this broker, or by its URL; nothing: neither. */
+export function pageOf(text: string, base: string): string | undefined {
+  try {
+    if (!/[:?#]/.test(text)) return `${base}/${checkedName(text)}`;
+    const url = new URL(/^\w+:\/\//.test(text) ? text.replace(/^ws/, 'http') : `http://${text}`);
+    return /^https?:$/.test(url.protocol) ? url.href : undefined;
+  } catch {
+    return undefined;
+  }
 }
 function vector(text: string | null): Vec3 | undefined {
   const parts = (text ?? '').split(',').map(Number);

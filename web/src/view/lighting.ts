@@ -17,6 +17,7 @@ export class Lighting {
   #key: Vec3 = [0, 1, 0];
   #fill: Vec3 = [0, 0, 1];
   #lightFromScene: Mat4 = IDENTITY;
+  #isEmpty = false;
 
   constructor(gl: GL) {
     this.#gl = gl;
@@ -33,7 +34,7 @@ export class Lighting {
     gl.readBuffer(gl.NONE);
   }
 
-  /** Puts the lights beside the camera and draws the shadow map, whose framebuffer stays bound. */
+  /** Puts the lights beside the camera and draws the shadow map. */
   cast(camera: Camera, surfaces: readonly GlSurface[]): void {
     const gl = this.#gl, up = camera.upVector;
     this.#key = beside(camera, -0.62, 1.15, 0.62);
@@ -42,6 +43,8 @@ export class Lighting {
     const other: Vec3 = Math.abs(dot(this.#key, up)) > 0.99 ? [up[1], up[2], up[0]] : up;
     this.#lightFromScene = product(
       orthographic(reach, 4 * reach), lookAt(sum(camera.centre, times(2 * reach, this.#key)), camera.centre, other));
+    if (surfaces.length === 0 && this.#isEmpty) return;
+    this.#isEmpty = surfaces.length === 0;
     bindTexture(gl, 0, null);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#framebuffer);
     gl.viewport(0, 0, SHADOW_SIDE, SHADOW_SIDE);

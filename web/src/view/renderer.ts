@@ -9,7 +9,7 @@ import { Lighting } from './lighting.js';
 import { product } from './matrix.js';
 import type { Style } from './style.js';
 import { Surroundings } from './surroundings.js';
-import { Target } from './target.js';
+import { Target, type Tile } from './target.js';
 
 /** Depth shading of clouds without discs. */
 const DOME = 90;
@@ -56,14 +56,17 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, colours.length / 4, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, colours);
   }
 
-  /** To the lower left of the canvas, which is that large at least. Sizes are pixels of the picture. */
-  draw(all: readonly GlSurface[], camera: Camera, style: Style, width: number, height: number, pixelScale: number): void {
+  /** To a part of the canvas. */
+  draw(all: readonly GlSurface[], camera: Camera, style: Style, tile: Tile, pixelScale: number): void {
     const gl = this.#gl, surfaces = all.filter((surface) => surface.isDrawable);
     const paint = PAINTS[style.colour] ?? NUMBERS;
     for (const surface of surfaces) surface.paint = paint;
-    this.#lighting.cast(camera, surfaces);
-    this.#target.bind(width, height);
-    gl.viewport(0, 0, width, height);
+    this.#lighting.cast(camera, style.shadow ? surfaces : []);
+    this.#target.bind(tile);
+    const { x, y, width, height } = tile;
+    gl.viewport(x, y, width, height);
+    gl.scissor(x, y, width, height);
+    gl.enable(gl.SCISSOR_TEST);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     // Alpha is coverage: colours of a picture without wall are premultiplied, as canvases want them.
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
@@ -72,10 +75,11 @@ export class Renderer {
     gl.enable(gl.DEPTH_TEST);
     this.#drawMeshes(surfaces.filter((surface) => !surface.isCloud && !style.points), camera, style);
     this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale);
-    this.#surroundings.drawFloor(camera, this.#lighting, style.grid, surfaces.length > 0, pixelScale);
+    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, surfaces.length > 0, pixelScale);
     if (style.axes) this.#surroundings.drawAxes(camera);
-    if (surfaces.length > 0 && surfaces.every((surface) => surface.isCloud && !surface.hasDiscs)) this.#finishCloud(camera, width, height);
-    else this.#target.present(width, height);
+    if (surfaces.length > 0 && surfaces.every((surface) => surface.isCloud && !surface.hasDiscs)) this.#finishCloud(camera, tile);
+    else this.#target.present(tile);
+    gl.disable(gl.SCISSOR_TEST);
   }
 
   #drawMeshes(surfaces: readonly GlSurface[], camera: Camera, style: Style): void {
@@ -128,13 +132,13 @@ export class Renderer {
     }
   }
 
-  #finishCloud(camera: Camera, width: number, height: number): void {
+  #finishCloud(camera: Camera, tile: Tile): void {
     const gl = this.#gl;
     gl.disable(gl.DEPTH_TEST);
     // The shader gives straight colours.
     gl.enable(gl.BLEND);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ZERO, gl.ONE, gl.ZERO);
-    this.#target.resolve(width, height);
+    this.#target.resolve(tile);
     this.#finish.use().set({ picture: 0, depth: 1, dome: DOME, near_far: camera.nearFar });
     bindTexture(gl, 0, this.#target.colour);
     bindTexture(gl, 1, this.#target.depth);

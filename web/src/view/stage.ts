@@ -4,13 +4,26 @@ import { Core, EigencastError } from '../core/module.js';
 import type { GL } from './gl.js';
 import { Renderer } from './renderer.js';
 import { Sharpness } from './sharpness.js';
+import type { Tile } from './target.js';
 import type { View } from './view.js';
 
 const HIDDEN_AFTER_MS = 2000;
+/** Of more surfaces so many are drawn in a turn of the display, all of them one after the other. */
+const MAX_A_TURN = 20;
+/** Up to so many are drawn as soon as they can be. */
+const FEW = 4;
+/** Of the canvas that pictures are drawn to, where one of them is not wider. */
+const MAX_SIDE = 2048;
 
 export interface StageOptions {
   /** What detail and pixels are given up for (default: 60); 0: nothing is, however long pictures take. */
   picturesPerSecond?: number;
+}
+
+/** What is to be drawn for a canvas. */
+export interface Picture {
+  to: CanvasRenderingContext2D;
+  paint(renderer: Renderer, tile: Tile): void;
 }
 
 /** Microseconds on the clock that the worker shares. */
@@ -27,12 +40,14 @@ export class Stage {
   readonly #levels: Levels | undefined;
   readonly #turnMs: number;
   readonly #views = new Set<View>();
+  readonly #changed = new Set<View>();
   readonly #sharpness = new Sharpness();
   readonly #seen: IntersectionObserver;
   #renderer: Renderer | undefined;
   #turn: number | undefined;
   #hidden: ReturnType<typeof setTimeout> | undefined;
   #turnedMs = 0;
+  #next = 0;
   #workMs = 0;
   #lastWorkMs = 0;
   #fence: WebGLSync | undefined;
@@ -100,18 +115,35 @@ export class Stage {
   }
   remove(view: View): void {
     this.#views.delete(view);
+    this.#changed.delete(view);
     this.#seen.unobserve(view.canvas);
   }
 
-  /** Draws by `paint` into a canvas that is that large, and copies it to `to`. */
-  draw(to: CanvasRenderingContext2D, width: number, height: number, paint: (renderer: Renderer) => void): void {
-    const canvas = this.#canvas;
-    if (!this.#renderer || width < 1 || height < 1) return;
-    if (canvas.width < width) canvas.width = width;
-    if (canvas.height < height) canvas.height = height;
-    paint(this.#renderer);
-    to.globalCompositeOperation = 'copy';
-    to.drawImage(canvas, 0, canvas.height - height, width, height, 0, 0, width, height);
+  /** A view has something else to show: at once, or, of several, with the others in the display's next turn. */
+  show(view: View): void {
+    this.#changed.add(view);
+    if (this.#views.size <= FEW) this.#drawChanged();
+  }
+  /** Draws pictures side by side, and copies each to its own canvas: copying from a GL canvas waits for all of its drawing. */
+  draw(pictures: readonly Picture[]): void {
+    const canvas = this.#canvas, renderer = this.#renderer, tiles: [Picture, Tile][] = [];
+    if (!renderer) return;
+    let x = 0, y = 0, upper = 0, right = 0;
+    for (const picture of pictures) {
+      const { width, height } = picture.to.canvas;
+      if (width < 1 || height < 1) continue;
+      if (x + width > MAX_SIDE) [x, y] = [0, upper];
+      tiles.push([picture, { x, y, width, height }]);
+      [x, upper] = [x + width, Math.max(upper, y + height)];
+      right = Math.max(right, x);
+    }
+    if (canvas.width < right) canvas.width = right;
+    if (canvas.height < upper) canvas.height = upper;
+    for (const [picture, tile] of tiles) picture.paint(renderer, tile);
+    for (const [{ to }, tile] of tiles) {
+      to.globalCompositeOperation = 'copy';
+      to.drawImage(canvas, tile.x, canvas.height - tile.y - tile.height, tile.width, tile.height, 0, 0, tile.width, tile.height);
+    }
     this.#workMs = this.#lastWorkMs = performance.now() - this.#turnedMs;
     this.#fence ??= this.#gl.fenceSync(this.#gl.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? undefined;
   }
@@ -125,7 +157,8 @@ export class Stage {
   }
   #advance(): void {
     if (this.#isGpuBusy()) return;
-    const views = [...this.#views].filter((view) => view.isInSight);
+    this.#drawChanged();
+    const views = this.#due([...this.#views].filter((view) => view.isInSight));
     const objects: LevelObject[] = [];
     for (const view of views) {
       view.prepare();
@@ -139,6 +172,17 @@ export class Stage {
     this.#turnedMs = performance.now();
     let next = 0;
     for (const view of views) view.advance(now, levels && view.levelObject() ? levels[next++]! : view.maxVertices);
+  }
+  #drawChanged(): void {
+    const views = [...this.#changed];
+    this.#changed.clear();
+    if (views.length > 0) this.draw(views.map((view) => view.nextPicture()));
+  }
+  #due(views: View[]): View[] {
+    if (!this.#levels || views.length <= MAX_A_TURN) return views;
+    const from = this.#next % views.length;
+    this.#next = from + MAX_A_TURN;
+    return [...views, ...views].slice(from, from + MAX_A_TURN);
   }
   /** Until what was drawn is done, nothing more is asked of a GPU that is late; how late is the picture's work. */
   #isGpuBusy(): boolean {

@@ -28,9 +28,11 @@ export interface Style {
   points: boolean;
   grid: boolean;
   axes: boolean;
+  /** Of small pictures: without, they take a fraction of the work. */
+  shadow: boolean;
   /** The studio behind; without it what is drawn keeps its alpha. */
   wall: boolean;
 }
 export const STYLE: Readonly<Style> = {
-  colour: 'clay', colourMap: 'viridis', colourRange: undefined, edges: false, wireframe: false, points: false, grid: true, axes: false, wall: true,
+  colour: 'clay', colourMap: 'viridis', colourRange: undefined, edges: false, wireframe: false, points: false, grid: true, axes: false, shadow: true, wall: true,
 };

@@ -3,6 +3,14 @@ import { bindTexture, setFilter, type GL } from './gl.js';
 
 const SAMPLES = 4;
 
+/** A part of the canvas, pixels from its lower left. */
+export interface Tile {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
 /** Where a picture is drawn, several samples a pixel; what is drawn is copied to the canvas, or read as textures. */
 export class Target {
   readonly #gl: GL;
@@ -26,9 +34,9 @@ export class Target {
     this.depth = gl.createTexture();
   }
 
-  /** Grows to the size, and makes it the one drawn to. */
-  bind(width: number, height: number): void {
-    const gl = this.#gl;
+  /** Grows to hold the tile, and makes it what is drawn to. */
+  bind(tile: Tile): void {
+    const gl = this.#gl, width = tile.x + tile.width, height = tile.y + tile.height;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#sampled);
     if (width <= this.#width && height <= this.#height) return;
     this.#width = Math.max(width, this.#width);
@@ -41,22 +49,22 @@ export class Target {
     });
   }
   /** To the canvas, which stays bound. */
-  present(width: number, height: number): void {
-    this.#copy(null, width, height, this.#gl.COLOR_BUFFER_BIT);
+  present(tile: Tile): void {
+    this.#copy(null, tile, this.#gl.COLOR_BUFFER_BIT);
   }
   /** To `colour` and `depth`; the canvas stays bound. */
-  resolve(width: number, height: number): void {
+  resolve(tile: Tile): void {
     const gl = this.#gl;
     if (!this.#hasTextures) this.#makeTextures();
-    this.#copy(this.#resolved, width, height, gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    this.#copy(this.#resolved, tile, gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
-  #copy(to: WebGLFramebuffer | null, width: number, height: number, what: number): void {
-    const gl = this.#gl;
+  #copy(to: WebGLFramebuffer | null, { x, y, width, height }: Tile, what: number): void {
+    const gl = this.#gl, right = x + width, upper = y + height;  // Samples are resolved in place only.
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.#sampled);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, to);
-    gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, what, gl.NEAREST);
+    gl.blitFramebuffer(x, y, right, upper, x, y, right, upper, what, gl.NEAREST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, to);
   }
   #makeTextures(): void {

@@ -8,11 +8,12 @@ import { moved, type Vec3 } from './matrix.js';
 import type { Legend, NumberPainter } from './numbers.js';
 import { pick } from './pick.js';
 import type { Renderer } from './renderer.js';
-import type { Stage } from './stage.js';
+import type { Picture, Stage } from './stage.js';
 import { isOfNumbers, STYLE, type Colouring, type ColourMap, type Style } from './style.js';
+import type { Tile } from './target.js';
 
-/** The smallest part of its vertices that a surface keeps, and how many are never worth saving. */
-const FLOOR = 0.02, FEW = 2000;
+/** The smallest part of its vertices that a surface keeps, and how many are never worth saving: of small pictures those that a pixel can show. */
+const FLOOR = 0.02, FEW = 2000, PIXELS_A_VERTEX = 8;
 /** What a key changes the largest part by, and its end. */
 const LEVEL_STEP = 1.25, MIN_LEVEL = 1 / 1024;
 const MAX_PIXEL_RATIO = 2;
@@ -132,11 +133,22 @@ export class View {
   picture(wall: boolean): Promise<Blob | null> {
     const canvas = document.createElement('canvas');
     [canvas.width, canvas.height] = [this.canvas.width, this.canvas.height];
-    this.#stage.draw(canvas.getContext('2d')!, canvas.width, canvas.height, (renderer) =>
-      this.#paint(renderer, { ...this.#style, wall, grid: wall && this.#style.grid }));
+    const style = { ...this.#style, wall, grid: wall && this.#style.grid };
+    this.#stage.draw([{ to: canvas.getContext('2d')!, paint: (renderer, tile) => this.#paint(renderer, style, tile) }]);
     return new Promise((resolve) => canvas.toBlob(resolve));
   }
 
+  /** For the stage. */
+  nextPicture(): Picture {
+    return {
+      to: this.#context,
+      paint: (renderer, tile) => {
+        this.#paint(renderer, this.#style, tile);
+        this.#isDirty = false;
+        ++this.drawn;
+      },
+    };
+  }
   /** Nothing that was on the GPU is there any more. */
   forgetSurface(): void {
     this.#gl = undefined;
@@ -165,15 +177,16 @@ export class View {
     const { surface, box } = this.live;
     if (!surface || !box) return undefined;
     const { vertexCount, baseCount } = surface.facts, max = this.maxVertices, { camera } = this, eye = camera.position, { centre } = camera;
+    const pixels = camera.diameterPx(centre, camera.radius), few = Math.min(FEW, pixels ** 2 / PIXELS_A_VERTEX);
     return {
-      max, min: Math.min(max, Math.max(baseCount, FEW, Math.round(FLOOR * vertexCount))), drawn: this.vertices,
+      max, min: Math.min(max, Math.max(baseCount, Math.round(few), Math.round(FLOOR * vertexCount))), drawn: this.vertices,
       distance: Math.hypot(eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]),
-      pixels: camera.diameterPx(centre, camera.radius), vertexCost: this.live.isCloud ? 0.5 : 1,
+      pixels, vertexCost: this.live.isCloud ? 0.5 : 1,
     };
   }
   advance(nowUs: number, level: number): void {
     this.live.advance(nowUs, level);
-    if (this.#isDirty) this.#draw();
+    if (this.#isDirty) this.#stage.show(this);
   }
 
   get #pixelRatio(): number {
@@ -187,7 +200,7 @@ export class View {
       if (this.#image) this.#gl.texture(this.#image);
     }
     this.#gl.upload(rebuilt, isCloud, area);
-    this.#draw();
+    this.#stage.show(this);
   }
   /** What cannot be decoded leaves the surface as it is. */
   async #decode(image: Uint8Array): Promise<void> {
@@ -214,14 +227,7 @@ export class View {
     this.camera.setScene(most(Math.min), most(Math.max));
     this.invalidate();
   }
-  #draw(): void {
-    this.#stage.draw(this.#context, this.canvas.width, this.canvas.height, (renderer) => {
-      this.#paint(renderer, this.#style);
-      this.#isDirty = false;
-      ++this.drawn;
-    });
-  }
-  #paint(renderer: Renderer, style: Style): void {
+  #paint(renderer: Renderer, style: Style, tile: Tile): void {
     const gl = this.#gl;
     gl?.place(this.live.sceneFromSurface);
     if (gl) gl.colourfulness = this.#colourfulness;
@@ -230,7 +236,7 @@ export class View {
       if (this.#table?.map !== style.colourMap) this.#table = { map: style.colourMap, colours: this.#tables!(style.colourMap) };
       renderer.useTable(this.#table.colours);
     }
-    renderer.draw(gl ? [gl] : [], this.camera, style, this.canvas.width, this.canvas.height, this.#pixelRatio);
+    renderer.draw(gl ? [gl] : [], this.camera, style, tile, this.#pixelRatio);
   }
   async #paintNumbers(colour: Colouring): Promise<void> {
     if (!isOfNumbers(colour)) return void (this.live.painter = this.#painter = undefined);

@@ -37,12 +37,15 @@ export async function startSite(port, { pages = {}, prefix = '', hasPolicy = tru
     asked.on('error', () => response.writeHead(502).end());
     request.pipe(asked);
   });
-  const sockets = new Set();
+  const sockets = new Set(), counted = { connections: 0, bytesDown: 0, bytesUp: 0 };
   server.on('upgrade', (request, socket, head) => {
+    ++counted.connections;
+    socket.on('data', (bytes) => (counted.bytesUp += bytes.length));
     const peer = connect(port, '127.0.0.1', () => {
       const lines = request.rawHeaders.flatMap((name, i) => (i % 2 === 0 ? [`${name}: ${request.rawHeaders[i + 1]}`] : []));
       peer.write(`${request.method} ${request.url.slice(prefix.length)} HTTP/1.1\r\n${lines.join('\r\n')}\r\n\r\n`);
       peer.write(head);
+      peer.on('data', (bytes) => (counted.bytesDown += bytes.length));
       socket.pipe(peer).pipe(socket);
     });
     sockets.add(socket).add(peer);
@@ -51,6 +54,8 @@ export async function startSite(port, { pages = {}, prefix = '', hasPolicy = tru
   await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
   return {
     url: `http://127.0.0.1:${server.address().port}${prefix}`,
+    /** Of WebSockets, so far. */
+    counted,
     /** Cuts every WebSocket, as a network that fails. */
     cut: () => sockets.forEach((socket) => socket.destroy()),
     stop: () => {

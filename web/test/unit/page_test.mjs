@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, figureLines, linkOf, NumberPainter, pick, placeOf, roundUp, Sharpness, tableOf, textFromMode } = internals;
+const { bannerOf, Camera, figureLines, linkOf, NumberPainter, pageOf, pick, placeOf, roundUp, Sharpness, tableOf, textFromMode, tileWidth } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -151,6 +151,24 @@ test('AddressesSayBrokerStreamProfileAndCamera', () => {
   near(again.target, [0, 0, 0.5], 1e-4);
   assert.equal(placeOf(new URL('https://host/behind/'), script).stream, '');
   assert.equal(placeOf(new URL('https://host/behind/x#eye=1,2'), script).eye, undefined);
+});
+
+test('StreamsAreNamedByNameOrUrl', () => {
+  const base = 'https://host/behind';
+  for (const [text, page] of [
+    ['lab/horse', 'https://host/behind/lab/horse'], ['ws://other:7490/lab/horse?rate=raw', 'http://other:7490/lab/horse?rate=raw'], ['wss://other/x', 'https://other/x'],
+    ['other:7490/x', 'http://other:7490/x'], ['https://other/x#eye=1,2,3', 'https://other/x#eye=1,2,3'], ['not a name', undefined], ['javascript:alert(1)', undefined],
+    ['data:text/html,x', undefined], ['file:///etc/passwd', undefined], ['', undefined], ['v1/web', undefined],
+  ]) assert.equal(pageOf(text, base), page, text);
+});
+
+test('TilesFillTheWindow', () => {
+  for (const [count, width, height] of [[1, 1600, 1000], [30, 800, 500], [100, 1600, 1000], [100, 390, 844], [7, 1920, 1080]]) {
+    const tile = tileWidth(count, width, height), columns = Math.floor(width / tile);
+    assert.ok(tile > 0 && Math.ceil(count / columns) * (tile / 1.6) <= height, `${count} in ${width} x ${height}: ${tile}`);
+  }
+  assert.equal(tileWidth(100, 1600, 1000), 160);
+  assert.equal(tileWidth(0, 1600, 1000), 0);
 });
 
 test('WordsAreThoseOfTheNativeClient', () => {
