@@ -12,6 +12,7 @@ export interface Desk {
   hasFigures: boolean;
   hasLegend: boolean;
   say(text: string): void;
+  isRecording: boolean;
   screenshot(wall: boolean): void;
   copyLink(): void;
   fullScreen(): void;
@@ -84,6 +85,10 @@ export const COMMANDS: readonly Command[] = [
   },
   { keys: ['S', 'F12'], does: 'screenshot', icon: 'M4 8h3l2-3h6l2 3h3v11H4zM12 10a3 3 0 1 0 0 6 3 3 0 0 0 0-6', apply: (desk) => desk.screenshot(true) },
   { keys: ['Shift+S'], does: 'screenshot without background', apply: (desk) => desk.screenshot(false) },
+  {
+    keys: ['K'], does: 'record a film', icon: 'M12 5a7 7 0 1 0 0 14a7 7 0 0 0 0-14M12 10a2 2 0 1 0 0 4a2 2 0 0 0 0-4', apply: (desk) => (desk.isRecording = !desk.isRecording),
+    isOn: ({ isRecording }) => isRecording,
+  },
   {
     keys: ['L'], does: 'copy the link to this view', icon: 'M10 14a4 4 0 0 0 6 0l3-3a4 4 0 0 0-6-6l-1 1M14 10a4 4 0 0 0-6 0l-3 3a4 4 0 0 0 6 6l1-1',
     apply: (desk) => desk.copyLink(),

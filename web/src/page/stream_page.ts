@@ -8,9 +8,10 @@ import type { Hud } from './hud.js';
 import { Note } from './note.js';
 import { copy, icon, part } from './parts.js';
 import { keepToken, linkOf, type Place } from './place.js';
+import type { Recording } from './recording.js';
 import { bannerOf } from './words.js';
 
-const TURN_SECONDS = 12, SAID_MS = 4000, BANNER_MS = 200;
+const TURN_SECONDS = 12, SAID_MS = 4000, KEPT_MS = 60_000, BANNER_MS = 200;
 
 /** One stream, as large as the page. */
 export class StreamPage implements Desk {
@@ -32,6 +33,8 @@ export class StreamPage implements Desk {
   readonly #buttons = new Map<Command, HTMLButtonElement>();
   #said: { text: string; untilMs: number } | undefined;
   #turnedMs = 0;
+  #isRecording = false;
+  #recording: Recording | undefined;
   #legend: HTMLElement | undefined;
   #legendSays = '';
 
@@ -85,13 +88,15 @@ export class StreamPage implements Desk {
     this.#refreshBanner();
   }
   screenshot(wall: boolean): void {
-    void this.view.picture(wall).then((blob) => {
-      if (!blob) return this.say('there is no picture yet');
-      const url = URL.createObjectURL(blob), name = `${this.#place.stream.replaceAll('/', '_')}.png`;
-      part('a', { href: url, download: name }).click();
-      setTimeout(() => URL.revokeObjectURL(url), SAID_MS);
-      this.say(`screenshot: ${name}`);
-    });
+    void this.view.picture(wall).then((blob) => (blob ? this.#keep('screenshot', blob) : this.say('there is no picture yet')));
+  }
+  get isRecording(): boolean {
+    return this.#isRecording;
+  }
+  set isRecording(is: boolean) {
+    this.#isRecording = is;
+    if (is) void this.#record();
+    else this.#recording?.stop();
   }
   copyLink(): void {
     const link = linkOf(this.#place, this.view.camera);
@@ -113,6 +118,28 @@ export class StreamPage implements Desk {
           return line(command.keys.map((key) => (key === ' ' ? 'Space' : key)).join(' '), command.does + (state ? `: ${state}` : ''));
         })));
     this.#help.showModal();
+  }
+
+  async #record(): Promise<void> {
+    try {
+      const { Recording } = await import('./recording.js'), style = getComputedStyle(this.#main);
+      const recording = (this.#recording = new Recording(this.view.canvas, [style.getPropertyValue('--wall-top'), style.getPropertyValue('--wall-bottom')]));
+      if (!this.#isRecording) recording.stop();
+      this.say('recording; K ends it');
+      this.#keep('film', await recording.film);
+    } catch (error) {
+      this.say((error as Error).message);
+    }
+    this.#recording = undefined;
+    this.#isRecording = false;
+    this.#refreshButtons();
+  }
+  /** By the browser's download. */
+  #keep(what: string, blob: Blob): void {
+    const url = URL.createObjectURL(blob), name = `${this.#place.stream.replaceAll('/', '_')}.${blob.type.split('/')[1]}`;
+    part('a', { href: url, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(url), KEPT_MS);
+    this.say(`${what}: ${name}`);
   }
 
   #head(): HTMLElement {

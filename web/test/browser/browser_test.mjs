@@ -14,6 +14,7 @@ import { CHROMIUM, startChromium } from './chromium.mjs';
 import { CLAY, PRINT, button, hasState } from './looks.mjs';
 import { makePng, readPng, similarity } from './pictures.mjs';
 import { startSite } from './site.mjs';
+import { COUNTS, publishWall } from './wall.mjs';
 
 if (!CHROMIUM) {
   console.log('no Chromium: deploy/install-packages.sh full');
@@ -182,6 +183,30 @@ test('TheCameraFollowsKeysAndPointers', async () => {
   });
 });
 
+test('FilmsAndScreenshotsAreKept', async () => {
+  await onPage(`${site.url}/still?rate=raw`, async (tab) => {
+    await tab.until(`${hasState('live')} && ${CLAY} > 100`, 150_000);
+    await tab.evaluate(`(() => {
+      const make = URL.createObjectURL.bind(URL);
+      window.kept = [];
+      URL.createObjectURL = (blob) => (kept.push(blob), make(blob));
+      HTMLAnchorElement.prototype.click = function () { kept.at(-1).saved = this.download; };
+    })()`);
+    const first = (i) => tab.evaluate(`kept[${i}].slice(0, 4).arrayBuffer().then((bytes) => String(new Uint8Array(bytes)))`);
+    await tab.key('s');
+    await tab.until("kept.length === 1 && kept[0].saved === 'still.png'");
+    assert.equal(await first(0), '137,80,78,71');
+    await tab.key('k');
+    await tab.until("/recording/.test(document.querySelector('.banner').textContent)");
+    await tab.until(`${button('record a film')}.getAttribute('aria-pressed') === 'true'`);
+    await new Promise((resolve) => setTimeout(resolve, 1500));
+    await tab.key('k');
+    await tab.until("kept.length === 2 && kept[1].saved === 'still.webm' && kept[1].size > 1000");
+    assert.equal(await first(1), '26,69,223,163');
+    await tab.until(`${button('record a film')}.getAttribute('aria-pressed') === 'false'`);
+  });
+});
+
 test('HiddenPagesTakeNoPoses', async () => {
   programs.sender(broker, 'lab/moving', 'heart', '--rank', '24');
   await onPage(`${site.url}/picture?stream=lab/moving`, async (tab) => {
@@ -227,6 +252,32 @@ test('TheListShowsEachStream', async () => {
     await tab.until(`${CLAY} > 50`);
     assert.equal(await tab.evaluate("[...document.querySelectorAll('.streams a')].find((a) => a.textContent.includes('still')).href"), `${site.url}/still`);
   });
+});
+
+test('AWallOfStreamsTakesOneConnectionAndOneContext', async () => {
+  const own = await programs.broker(), stop = await publishWall(programs, own, 30, 'heart', '--rank', '24'), wall = await startSite(own.port), tab = await chromium.tab();
+  try {
+    await tab.size(800, 500);
+    await tab.send('Page.addScriptToEvaluateOnNewDocument', { source: COUNTS });
+    await tab.open(`${wall.url}/?wall=1`);
+    await tab.until('pictures().length === 30 && pictures().every((count) => count > 0)', 150_000);
+    const drawn = JSON.stringify(await tab.evaluate('pictures()'));
+    await tab.until(`pictures().every((count, i) => count > ${drawn}[i] + 5)`);
+    if (PICTURES) writeFileSync(join(PICTURES, 'wall.png'), await tab.screenshot());
+    assert.deepEqual([wall.counted.connections, await tab.evaluate('contexts')], [1, 1]);
+    assert.equal(await tab.evaluate('document.documentElement.scrollHeight'), 500, 'all of them are in the window');
+    await tab.evaluate("document.querySelector('.list form [aria-pressed]').click()");
+    await tab.until("document.querySelectorAll('.streams canvas').length < 30");  // Far out of sight nothing is taken.
+    if (PICTURES) writeFileSync(join(PICTURES, 'list.png'), await tab.screenshot());
+    await tab.evaluate(`document.querySelector('.list input').value = 'wall/3'; document.querySelector('.list form').requestSubmit()`);
+    await tab.until(`location.href === '${wall.url}/wall/3' && ${hasState('live')}`);
+    assert.deepEqual(tab.console, []);
+  } finally {
+    stop();
+    await tab.close();
+    await wall.stop();
+    await own.stop();
+  }
 });
 
 test('TokensLeaveTheAddressAndAreAskedForWhereTheyAreMissing', async () => {
