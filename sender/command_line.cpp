@@ -184,6 +184,8 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
                  "the report)")
       ->excludes(evaluate->get_option("--rank"));
   evaluate->get_option("--bitrate")->excludes(evaluate->get_option("--rank"));
+  bounded(*evaluate, "--loop", command.loop_s,
+          "play the clip in a loop for so many seconds, with a memory that is kept as live", 1.0, 86'400.0);
   evaluate->add_option("--json", command.json, "write a report")->check(output_path(check_output_file));
 }
 

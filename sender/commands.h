@@ -91,6 +91,7 @@ struct EvaluateCommand {
   bool again = false;          ///< With these:
   AgainOptions again_options;
   bool sweep = false;  ///< Print the curve of error and rate that the rank is chosen of.
+  double loop_s = 0;  ///< 0: no loop.
   std::string json;
 };
 

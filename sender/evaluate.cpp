@@ -9,6 +9,7 @@
 #include <random>
 
 #include "common/codec/chain.h"
+#include "common/codec/memory_keeper.h"
 #include "common/codec/pose_memory.h"
 #include "common/codec/recaller.h"
 #include "common/reconstruction/reconstruct.h"
@@ -25,6 +26,7 @@ constexpr TimeUs kKeyInterval = 33'333;
 constexpr std::size_t kStillPoses = 60;  // two seconds
 constexpr double kCoarsest = 8;
 constexpr int kBisections = 8;
+constexpr double kUploadS = 0.2;  ///< From the decision to remember poses to their first use.
 
 /// What `act` gives; how long that took goes to `ns`.
 template <typename Act>
@@ -71,13 +73,18 @@ class KeyCoder {
     });
     if (!decoded) return decoded.error();
     if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
-    state_ = advanced(std::move(state_), std::move(coded->key), kKeyInterval, coded->phase);
+    state_ = advanced(std::move(state_), coded->key, kKeyInterval, coded->phase);
     ++keys_.frames;
     keys_.recalled += coded->phase ? 1 : 0;
     keys_.payload_bytes += coded->payload.size();
     keys_.wire_bytes += key_message_bytes(coded->payload.size());
+    last_ = std::move(*coded);
     return {};
   }
+  /// REQUIRES: `memory` begins as the one before, or the state forgets where it was.
+  void remember(const PoseMemory& memory) { recaller_.emplace(memory); }
+  void forget() { recaller_.reset(), state_->phase.reset(); }
+  const CodedKey& last() const { return last_; }  ///< Of the last key but a join.
   const std::optional<ChainState>& state() const { return state_; }
   std::vector<double> received() const { return coefficients_from_key(layout_, state_->newer); }
   const CodedKeys& keys() const { return keys_; }
@@ -89,6 +96,7 @@ class KeyCoder {
   std::optional<ChainState> state_;
   std::optional<Recaller> recaller_;
   CodedKeys keys_;
+  CodedKey last_;
   double squares_ = 0;
   std::uint64_t measured_ = 0;
 };
@@ -212,6 +220,112 @@ std::vector<Vec3> rows_of(const Asset& asset, std::span<const Vec3> source) {
   return rows;
 }
 
+/// Both streams, and what the one with a memory takes beside its keys.
+class Loop {
+ public:
+  Loop(const LoopOptions& options, const Asset& asset, const CoefficientLayout& layout, const Quantiser& quantiser)
+      : asset_(asset),
+        layout_(layout),
+        quantiser_(quantiser),
+        plain_(asset, layout, quantiser),
+        live_(asset, layout, quantiser),
+        keeper_({layout}),
+        rebuilder_(asset),
+        error_(asset.diagonal()) {
+    result_.options = options;
+  }
+
+  Result<void> add(std::span<const double> C, std::span<const Vec3> truth) {
+    const double now = static_cast<double>(frame_++) / result_.options.rate_hz;
+    const auto key = key_from_coefficients(layout_, C, quantiser_.step);
+    if (!key) return key.error();
+    if (ready_s_ && now >= *ready_s_) {
+      if (auto held = hold(); !held) return held;
+    }
+    const auto before = live_.state();
+    const std::uint64_t plain_before = plain_.keys().wire_bytes, before_bytes = bytes();
+    if (auto coded = plain_.code(C); !coded) return coded;
+    if (auto coded = live_.code(C); !coded) return coded;
+    error_.add(rows_of(asset_, truth), rebuilder_.rebuild_rows(live_.received(), 3));
+    if (before) {
+      const MemoryKeeper::Sent sent{*before,  *key, live_.last(), quantiser_.half_spacing, std::llround(now * 1e6),
+                                    !ready_s_};
+      if (timed(result_.keep_ns, [&] { return keeper_.add(sent); })) {
+        result_.memory_bytes += keeper_.segments().back().bytes.size() + MemoryKeeper::kSegmentBytes;
+        ready_s_ = now + kUploadS;
+      }
+    }
+    if (live_.keys().recalled > 0 && !result_.first_use_s) result_.first_use_s = now;
+    if (bytes() > plain_.keys().wire_bytes)
+      result_.paid_back_s.reset();
+    else if (result_.memory_bytes > 0 && !result_.paid_back_s)
+      result_.paid_back_s = now;
+    const auto second = static_cast<std::size_t>(now);
+    result_.kbit_per_s.resize(second + 1), result_.plain_kbit_per_s.resize(second + 1);
+    result_.kbit_per_s[second] += static_cast<double>(bytes() - before_bytes) * 8e-3;
+    result_.plain_kbit_per_s[second] += static_cast<double>(plain_.keys().wire_bytes - plain_before) * 8e-3;
+    return {};
+  }
+  LoopEvaluation result() && {
+    result_.plain = plain_.keys(), result_.live = live_.keys(), result_.error = error_.result();
+    return std::move(result_);
+  }
+
+ private:
+  std::uint64_t bytes() const { return live_.keys().wire_bytes + result_.memory_bytes; }
+  /// Receivers hold the memory now.
+  Result<void> hold() {
+    PoseMemory memory(layout_);
+    for (const CodedSegment& segment : keeper_.segments()) {
+      auto more = memory.with(segment.segment);
+      if (!more) return more.error();
+      memory = std::move(*more);
+    }
+    if (keeper_.segments().size() <= held_) {
+      const auto join = encode_join(layout_, *live_.state());
+      if (!join) return join.error();
+      live_.forget();
+      result_.memory_bytes += key_message_bytes(join->size());
+      ++result_.roots;
+    }
+    held_ = keeper_.segments().size();
+    result_.poses = memory.pose_count();
+    live_.remember(memory);
+    ready_s_.reset();
+    return {};
+  }
+
+  LoopEvaluation result_;
+  const Asset& asset_;
+  const CoefficientLayout& layout_;
+  Quantiser quantiser_;
+  KeyCoder plain_, live_;
+  MemoryKeeper keeper_;
+  SourceRebuilder rebuilder_;
+  SurfaceErrorSum error_;
+  std::uint64_t frame_ = 0;
+  std::size_t held_ = 0;           ///< Segments that receivers hold.
+  std::optional<double> ready_s_;  ///< When they hold the keeper's.
+};
+
+Result<LoopEvaluation> evaluate_loop(const LoopOptions& options, const MotionClip& clip, const CoefficientStore& store,
+                                     const Asset& asset, const CoefficientLayout& layout, double eps,
+                                     const BakeProgress& progress) {
+  Loop loop(options, asset, layout, quantiser_for_error(eps, asset.area, asset.rank));
+  const auto frames = static_cast<std::uint64_t>(std::ceil(options.seconds * options.rate_hz));
+  for (std::uint64_t frame = 0; frame < frames; ++frame) {
+    const double done = static_cast<double>(frame) / static_cast<double>(frames);
+    if (progress && !progress(done, "playing a loop")) return fail(ErrorCode::kCancelled, "stopped while evaluating");
+    const std::size_t at = frame % clip.frame_count();
+    const auto C = store.at(at);
+    if (!C) return C.error();
+    const auto truth = clip.pose(at);
+    if (!truth) return truth.error();
+    if (auto added = loop.add(*C, *truth); !added) return added.error();
+  }
+  return std::move(loop).result();
+}
+
 class Sums {
  public:
   Sums(const Asset& asset, const MotionClip& clip, const EvaluateOptions& options)
@@ -268,6 +382,11 @@ double AgainEvaluation::in_all_kbit_per_s(const CodedKeys& first, double rate_hz
   return static_cast<double>(first.wire_bytes + memory_bytes + recalled.wire_bytes) / frames * 8e-3 * rate_hz;
 }
 
+double LoopEvaluation::in_all_kbit_per_s() const {
+  const auto frames = static_cast<double>(std::max<std::uint64_t>(live.frames, 1));
+  return static_cast<double>(live.wire_bytes + memory_bytes) / frames * 8e-3 * options.rate_hz;
+}
+
 double eps_from_step(const Asset& asset, double step) {
   return step * asset.diagonal() / 2 * std::sqrt(static_cast<double>(asset.rank));
 }
@@ -279,10 +398,10 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
   const CoefficientLayout layout{options.codec, asset.rank, 3, asset.band_ends};
   const Quantiser quantiser = quantiser_for_error(options.eps, asset.area, asset.rank);
 
-  if (options.again && layout.is_float())
-    return fail(ErrorCode::kInvalidArgument, "a float codec has no memory: --again needs --codec quantised");
+  if ((options.again || options.loop) && layout.is_float())
+    return fail(ErrorCode::kInvalidArgument, "a float codec has no memory: --again and --loop need --codec quantised");
   std::optional<CoefficientStore> store;
-  if (options.again) {
+  if (options.again || options.loop) {
     auto created = CoefficientStore::create(clip.frame_count(), layout.size());
     if (!created) return created.error();
     store = std::move(*created);
@@ -318,7 +437,12 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
     if (!join) return join.error();
     result.join_bytes = join->size();
   }
-  if (store && clip.frame_count() > 0) {
+  if (options.loop && clip.frame_count() > 0) {
+    auto loop = evaluate_loop(*options.loop, clip, *store, asset, layout, options.eps, progress);
+    if (!loop) return loop.error();
+    result.loop = std::move(*loop);
+  }
+  if (options.again && clip.frame_count() > 0) {
     auto again =
         evaluate_again(*options.again, *store, clip.frame_count(), asset, layout, options.eps, coder.state(), progress);
     if (!again) return again.error();

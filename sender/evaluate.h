@@ -22,12 +22,19 @@ struct AgainOptions {
   unsigned passes = 2;  ///< Counts the first one; at least 2.
 };
 
+/// The clip played in a loop, live: with a memory that MemoryKeeper decides on as it goes.
+struct LoopOptions {
+  double seconds = 60;
+  double rate_hz = 30;
+};
+
 struct EvaluateOptions {
   CodecKind codec = CodecKind::kQuantised;
   double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
   std::vector<double> levels = {1};     ///< Fractions of the vertices that are drawn.
   bool any_order = false;               ///< As of SourceOptions.
-  std::optional<AgainOptions> again{};  ///< Of quantised keys only.
+  std::optional<AgainOptions> again{};  ///< Of quantised keys only; likewise:
+  std::optional<LoopOptions> loop{};
 };
 
 /// What viewers see of a surface that was moving and now rests, while its pose is sent on.
@@ -65,6 +72,21 @@ struct AgainEvaluation {
   double in_all_kbit_per_s(const CodedKeys& first, double rate_hz) const;
 };
 
+/// Against the same without a memory.
+struct LoopEvaluation {
+  LoopOptions options;
+  CodedKeys plain, live;
+  Histogram keep_ns;                   ///< MemoryKeeper::add, for each key.
+  SurfaceError error;                  ///< Of `live`: basis and codec.
+  std::uint32_t poses = 0, roots = 0;  ///< That the memory holds at the end; how often it began anew.
+  std::uint64_t memory_bytes = 0;      ///< Side information, requests and messages, and a join for each root.
+  std::optional<double> first_use_s;   ///< From the start of the stream to the first key that the memory predicts.
+  std::optional<double> paid_back_s;   ///< Likewise, to where all bits are fewer than without, for good.
+  std::vector<double> plain_kbit_per_s, kbit_per_s;  ///< By second, headers and memory counted.
+
+  double in_all_kbit_per_s() const;
+};
+
 struct Evaluation {
   SurfaceError truncation;           ///< Basis alone.
   SurfaceError total;                ///< Basis and codec: what every receiver at full detail sees.
@@ -74,6 +96,7 @@ struct Evaluation {
   CodedKeys keys;
   std::uint64_t join_bytes = 0;  ///< Counts the join frame at the end.
   std::optional<AgainEvaluation> again;
+  std::optional<LoopEvaluation> loop;
   std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
 };
 

@@ -58,6 +58,25 @@ json json_from(const AgainEvaluation& again, const CodedKeys& first, double diag
           {"in_all_kbit_per_s", again.in_all_kbit_per_s(first, rate_hz)}};
 }
 
+json json_from(const LoopEvaluation& loop, double diagonal) {
+  const double rate_hz = loop.options.rate_hz;
+  const auto or_null = [](const std::optional<double>& value) { return value ? json(*value) : json(); };
+  return {{"seconds", loop.options.seconds},
+          {"without_memory", json_from(loop.plain, diagonal, rate_hz)},
+          {"with_memory", json_from(loop.live, diagonal, rate_hz)},
+          {"error", json_from(loop.error)},
+          {"memory_poses", loop.poses},
+          {"memory_roots", loop.roots},
+          {"memory_bytes", loop.memory_bytes},
+          {"first_use_s", or_null(loop.first_use_s)},
+          {"paid_back_s", or_null(loop.paid_back_s)},
+          {"in_all_kbit_per_s", loop.in_all_kbit_per_s()},
+          {"keep_us_mean", loop.keep_ns.mean() * 1e-3},
+          {"keep_us_max", static_cast<double>(loop.keep_ns.max()) * 1e-3},
+          {"kbit_per_s_by_second", loop.kbit_per_s},
+          {"kbit_per_s_by_second_without_memory", loop.plain_kbit_per_s}};
+}
+
 json json_from(const EvaluatedRow& row, double rate_hz) {
   const Evaluation& e = row.evaluation;
   json levels = json::array();
@@ -82,6 +101,7 @@ json json_from(const EvaluatedRow& row, double rate_hz) {
                 {"decode_us_p50", us_p50(e.keys.decode_ns)}};
   if (e.again) value["again"] = json_from(*e.again, e.keys, row.diagonal, rate_hz);
   if (row.trial) value["trial"] = json_from(*row.trial);
+  if (e.loop) value["loop"] = json_from(*e.loop, row.diagonal);
   return value;
 }
 
@@ -136,6 +156,18 @@ std::string curve_of(const RankTrial& trial) {
   return text;
 }
 
+std::string notes_on(const LoopEvaluation& loop) {
+  const auto seconds = [](const std::optional<double>& at) { return at ? formatted("%.1f s", *at) : "never"; };
+  return formatted(
+      "in a loop for %g s: %.1f kbit/s, all counted, without memory %.1f; KG %.3f %%; %.1f kB of memory in %u poses, "
+      "%u "
+      "new roots; used after %s, paid back after %s; encode %.1f us (median), keep %.1f us (mean, at most %.0f)\n",
+      loop.options.seconds, loop.in_all_kbit_per_s(), loop.plain.wire_kbit_per_s(loop.options.rate_hz),
+      loop.error.kg_percent, static_cast<double>(loop.memory_bytes) * 1e-3, loop.poses, loop.roots,
+      seconds(loop.first_use_s).c_str(), seconds(loop.paid_back_s).c_str(), us_p50(loop.live.encode_ns),
+      loop.keep_ns.mean() * 1e-3, static_cast<double>(loop.keep_ns.max()) * 1e-3);
+}
+
 /// Vertex errors that quantising may add, model units.
 std::vector<double> errors_of(const EvaluateCommand& command, const Asset& asset) {
   std::vector<double> errors = command.errors;
@@ -169,9 +201,10 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
   const Asset& asset = source->baked.asset;
   for (const double eps : errors_of(command, asset)) {
     ProgressLine line(console.progress, interrupt);
-    const auto again = command.again ? std::optional(command.again_options) : std::nullopt;
-    auto evaluation =
-        evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order, again}, std::ref(line));
+    EvaluateOptions how{codec, eps, command.levels, options.any_order};
+    if (command.again) how.again = command.again_options;
+    if (command.loop_s > 0) how.loop = {command.loop_s, command.rate_hz};
+    auto evaluation = evaluate(*source->clip, asset, how, std::ref(line));
     line.finish();
     if (!evaluation) return evaluation.error();
     if (rows.empty()) {  // The same frames in all of them.
@@ -224,6 +257,7 @@ std::string table_of(const EvaluatedClip& clip) {
     text += notes_on(row);
     if (row.evaluation.again) text += notes_on_again(row, clip.rate_hz);
     if (clip.sweep && row.trial) text += curve_of(*row.trial);
+    if (row.evaluation.loop) text += notes_on(*row.evaluation.loop);
   }
   return text;
 }

@@ -63,6 +63,11 @@ def main():
     for row in rows:
         if "trial" in row:
             sweep(folder / f"sweep_{row['basis'].replace('/', '_')}.png", clip, row["trial"])
+        if "loop" in row:
+            loop = row["loop"]
+            draw(folder / f"loop_{basis(row).replace(' ', '_').replace('/', '_')}.png", f"Played in a loop: {clip}", "s", "kbit/s with headers",
+                 {f"with a memory, {loop['in_all_kbit_per_s']:.1f} kbit/s in all": list(enumerate(loop["kbit_per_s_by_second"])),
+                  "without": list(enumerate(loop["kbit_per_s_by_second_without_memory"]))}, log_x=False)
 
 
 def sweep(path, clip, trial):

@@ -94,6 +94,31 @@ TEST_F(Evaluate, MotionAgainIsCodedFromMemory) {
   EXPECT_EQ(evaluate(*clip_, asset_, options).error().code, ErrorCode::kInvalidArgument);
 }
 
+TEST_F(Evaluate, LoopIsCodedWithAMemoryThatIsKeptLive) {
+  EvaluateOptions options{CodecKind::kQuantised, 1e-3 * asset_.diagonal(), {1}};
+  options.loop = {40, 30};
+  const Evaluation evaluation = evaluated(options);
+  ASSERT_TRUE(evaluation.loop);
+  const LoopEvaluation& loop = *evaluation.loop;
+  EXPECT_EQ(loop.plain.frames, 40u * 30 - 1);
+  EXPECT_EQ(loop.live.frames, loop.plain.frames);
+  EXPECT_EQ(loop.error.poses, 40u * 30);
+  EXPECT_GT(2 * loop.live.recalled, loop.live.frames);
+  EXPECT_GT(loop.memory_bytes, 0u);
+  EXPECT_GT(loop.poses, 0u);
+  EXPECT_LT(loop.in_all_kbit_per_s(), loop.plain.wire_kbit_per_s(30));
+  EXPECT_GT(loop.in_all_kbit_per_s(), loop.live.wire_kbit_per_s(30)) << "the memory is counted";
+  EXPECT_LT(loop.live.quantising_rms, 1.02 * loop.plain.quantising_rms);
+  ASSERT_TRUE(loop.first_use_s && loop.paid_back_s);
+  const double frames_s = static_cast<double>(clip_->frame_count()) / 30;
+  EXPECT_GT(*loop.first_use_s, std::min(1.0, frames_s));
+  EXPECT_GE(*loop.paid_back_s, *loop.first_use_s);
+  double kbit = 0;
+  for (const double second : loop.kbit_per_s) kbit += second;
+  EXPECT_NEAR(kbit, static_cast<double>(loop.live.wire_bytes + loop.memory_bytes) * 8e-3, 1e-6);
+  EXPECT_EQ(loop.plain_kbit_per_s.size(), 40u);
+}
+
 TEST_F(Evaluate, StopsWhenItIsTold) {
   const auto stopped = evaluate(*clip_, asset_, {CodecKind::kFloat32, 1, {1}},
                                 [](double fraction, std::string_view) { return fraction < 0.5; });
