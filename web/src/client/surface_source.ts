@@ -135,8 +135,11 @@ export class SurfaceSource {
   announce(info: StreamInfo): boolean {
     if (info.state === 'waiting' || info.asset === undefined) return false;
     const adopt = (arriving: Arriving): void => {
+      const isOther = arriving.info.epoch !== info.epoch;
       arriving.info = info;
-      if (arriving.reader) arriving.checkFormat(arriving.reader.facts.rank);
+      if (!arriving.reader) return;
+      arriving.checkFormat(arriving.reader.facts.rank);
+      if (isOther) this.#changed();  // Poses of the new epoch are this surface's, too.
     };
     if (this.latest?.goesOnAs(info.asset)) {
       adopt(this.latest);

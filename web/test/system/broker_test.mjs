@@ -204,6 +204,20 @@ test('APublisherComesBackWhenItsConnectionIsLost', async () => {
   stream.close();
 });
 
+test('ASenderThatComesBackIsFollowed', async () => {
+  let mine = startSender(shared, 'lab/again');
+  const stream = await watch(urlOf(shared, '/lab/again?rate=raw'), options);
+  const isFollowed = () => stream.pose && stream.surface?.isComplete && stream.surface.epoch === stream.pose.epoch;
+  await until(isFollowed, 'a pose of the surface', 150_000);
+  const { epoch, asset } = stream.surface;
+  await mine.stop('SIGKILL');
+  mine = startSender(shared, 'lab/again');
+  await until(() => stream.pose.epoch !== epoch && isFollowed(), 'a pose of the next epoch, and the surface with it', 150_000);
+  assert.equal(stream.surface.asset, asset);
+  stream.close();
+  await mine.stop('SIGKILL');
+});
+
 test('UrlsBehindAPathOfAProxyAreFound', async () => {
   const proxy = await startSite(shared.port, { prefix: '/behind/a/proxy' });
   const stream = await watch(`${proxy.url}/lab/heart?rate=raw`, options);
