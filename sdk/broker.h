@@ -47,6 +47,11 @@ inline Result<BrokerUrl> stream_url(const std::string& given, const Credentials&
   return url;
 }
 
+/// The same where a proxy has a path in front, as the URL itself says when asked by HTTP (docs/protocol.md, section 9):
+/// for a stream that was refused. Blocks while the first broker is silent, 500 ms a step at most, and for the lookup of
+/// its name. What answers can only choose a part of the URL's own path. Nothing: nobody there says so.
+std::optional<BrokerUrl> located(const BrokerUrl& url);
+
 /// What the streams of one broker with the same credentials share, as long as one uses it. Thread-safe.
 template <typename Shared>
 class SharedByBroker {

@@ -65,10 +65,13 @@ class BrokerPublisher final : public Publisher {
   void start() {
     WebSocketOptions socket;
     socket.url = url_;
-    socket.target = "/v1/publish/" + url_.stream + (url_.query.empty() ? "" : "?" + url_.query);
+    socket.url.prefix.clear();  // on_try() has it, as it may be found out later.
     // Room for one frame of the largest size beyond the bound that send_coefficients() keeps.
     socket.max_unsent_bytes = options_.max_unsent_bytes + (std::size_t{1} << 20);
     WebSocketEvents events;
+    events.on_try = [this] {
+      return url_.prefix + "/v1/publish/" + url_.stream + (url_.query.empty() ? "" : "?" + url_.query);
+    };
     events.on_open = [this](const BrokerUrl& broker) { on_open(broker); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
@@ -335,6 +338,7 @@ class BrokerPublisher final : public Publisher {
     phase_ = Phase::kUpload;
     stats_.state = State::kUploading;
     at_ = broker;
+    at_.prefix = url_.prefix;
     stats_.detail = "connected to " + at_.origin();
     asset_uploader_->begin(at_, milliseconds(0));
   }
@@ -351,6 +355,12 @@ class BrokerPublisher final : public Publisher {
     asset_uploader_->cancel();
     lock.unlock();
     log(log_, LogLevel::kWarning, why.message + try_again_in(wait));
+    if (why.code != ErrorCode::kRefused || ever_open_) return;
+    if (auto found = located(url_)) {
+      lock.lock();
+      url_ = std::move(*found);
+      socket_->retry_now();
+    }
   }
 
   void on_text(std::string_view text) {
@@ -370,7 +380,7 @@ class BrokerPublisher final : public Publisher {
     if (memory_.pending) upload_memory();
     if (still_) still_->restart();
     stats_.state = State::kLive;
-    const std::string live = stats_.detail = "live at " + at_.origin() + "/" + url_.stream;
+    const std::string live = stats_.detail = "live at " + at_.origin() + url_.prefix + "/" + url_.stream;
     lock.unlock();
     log(log_, LogLevel::kInfo, live + ", epoch " + std::to_string(m.epoch));
   }
@@ -476,7 +486,7 @@ class BrokerPublisher final : public Publisher {
   }
 
   const PublisherOptions options_;
-  const BrokerUrl url_;
+  BrokerUrl url_;  ///< Changed by the connection's thread alone, with mutex_, before it is ever open.
   const std::shared_ptr<const Asset> asset_;
   const std::shared_ptr<const EncodedAsset> encoded_;
   const LogSink log_;

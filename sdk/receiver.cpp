@@ -32,10 +32,18 @@ Receiver::Receiver(const BrokerUrl& url, BrokerConnection::Request request, std:
 
 Receiver::News Receiver::take() {
   std::unique_lock lock(mutex_);
-  if (std::exchange(crowded_out_, false)) {
+  const bool crowded_out = std::exchange(crowded_out_, false), misplaced = std::exchange(misplaced_, false);
+  if (crowded_out || misplaced) {
     lock.unlock();
-    connection_->leave(*this);
-    connection_ = BrokerConnection::join(url_, request_, *this);
+    const auto found = misplaced ? located(url_) : std::nullopt;
+    if (crowded_out || found) {
+      connection_->leave(*this);
+      if (found) {
+        url_ = *found;
+        request_.subscribe.stream = url_.stream;
+      }
+      connection_ = BrokerConnection::join(url_, request_, *this);
+    }
     lock.lock();
   }
   return std::exchange(news_, {});
@@ -106,6 +114,7 @@ void Receiver::on_down(const Error& why, milliseconds wait) {
   std::unique_lock lock(mutex_);
   condition_.open = condition_.declined = false;
   condition_.refused = why.code == ErrorCode::kRefused || wait.count() == 0;
+  misplaced_ = condition_.refused && !condition_.ever_open;
   condition_.trouble = why.message + try_again_in(wait);
   condition_.retry_at_us = retry_at_us(wait);
   lock.unlock();

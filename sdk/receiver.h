@@ -52,7 +52,8 @@ class Receiver final : private BrokerConnection::Listener {
   Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake);
   ~Receiver() override { connection_->leave(*this); }
 
-  News take();  ///< Use from one thread.
+  /// Use from one thread. Where a broker may be behind a path it is asked first: see located().
+  News take();
   /// Keys may be predicted from these poses from now on, unless a memory that begins otherwise was announced meanwhile.
   void hold(const control::Remember& memory, const PoseMemory& poses);
   std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.
@@ -73,8 +74,8 @@ class Receiver final : private BrokerConnection::Listener {
   /// Errors: for the log. REQUIRES: mutex_ is held.
   Result<bool> decode(const FrameView& frame, TimeUs now);
 
-  const BrokerUrl url_;
-  const BrokerConnection::Request request_;
+  BrokerUrl url_;  ///< Changed by take() alone, as is request_, while no connection has it.
+  BrokerConnection::Request request_;
   const std::function<void()> wake_;
 
   mutable std::mutex mutex_;
@@ -88,6 +89,7 @@ class Receiver final : private BrokerConnection::Listener {
   TimeUs notice_until_us_ = 0;
   std::uint64_t unreadable_ = 0;
   bool crowded_out_ = false;  ///< Another connection is to be asked for the stream.
+  bool misplaced_ = false;    ///< Refused before it was ever open: the broker may be behind a path.
 
   std::shared_ptr<BrokerConnection> connection_;  ///< For the constructor, the destructor and take() alone.
 };

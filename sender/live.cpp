@@ -77,6 +77,8 @@ ExitCode check_target(const TargetOptions& target, bool velocities) {
     if (tried) return kExitOk;
     if (let_in || let_in.error().code != ErrorCode::kRefused) let_in = std::move(tried);
   }
+  const auto found = located(*url);
+  if (found && probe(*found, "/v1/publish/" + found->stream, kProbeTimeout)) return kExitOk;
   if (let_in.error().code == ErrorCode::kRefused) {
     spdlog::error("{}", let_in.error().message);
     return kExitUnreachable;

@@ -51,6 +51,7 @@ class HttpConnection::Impl {
     if (!url_.prefix.empty()) request.target(url_.prefix + std::string(request.target()));
     request.set(http::field::host, url_.authority());
     request.set(http::field::user_agent, "eigencast");
+    request.set(http::field::accept, "application/json, */*;q=0.1");  // A stream's URL is its page, too.
     request.keep_alive(true);
     // A kept-alive connection may have been closed by the server meanwhile, which shows only when it is used.
     for (bool fresh = stream_ == nullptr;; fresh = true) {

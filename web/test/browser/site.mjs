@@ -18,7 +18,8 @@ const POLICY = (host) => [
  */
 export async function startSite(port, { pages = {}, prefix = '', hasPolicy = true, isProxy = false } = {}) {
   const server = createServer((request, response) => {
-    const path = new URL(request.url, 'http://x').pathname.slice(prefix.length);
+    const whole = new URL(request.url, 'http://x').pathname, path = whole.slice(prefix.length);
+    if (!whole.startsWith(prefix)) return response.writeHead(404).end('Not Found');
     const file = join(BUILD, path.replace(/^\/v1\/web\//, ''));
     if (!isProxy && path.startsWith('/v1/web/') && !path.includes('..') && existsSync(file)) {
       response.writeHead(200, { 'content-type': TYPES[extname(file)] ?? 'application/octet-stream', 'access-control-allow-origin': '*' });
@@ -39,6 +40,7 @@ export async function startSite(port, { pages = {}, prefix = '', hasPolicy = tru
   });
   const sockets = new Set(), counted = { connections: 0, bytesDown: 0, bytesUp: 0 };
   server.on('upgrade', (request, socket, head) => {
+    if (!request.url.startsWith(`${prefix}/`)) return socket.end('HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\nconnection: close\r\n\r\n');
     ++counted.connections;
     socket.on('data', (bytes) => (counted.bytesUp += bytes.length));
     const peer = connect(port, '127.0.0.1', () => {

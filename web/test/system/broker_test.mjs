@@ -3,7 +3,7 @@
 // The client with a real broker and a real sender, whose programs are in the folder EIGENCAST_BIN; by a worker, too.
 import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
-import { writeFileSync } from 'node:fs';
+import { existsSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 import { pathToFileURL } from 'node:url';
@@ -251,4 +251,21 @@ test('AWorkerDoesTheSame', async () => {
   assert.equal(made.positions.byteLength, 0, 'the buffer went round');
   assert.equal(again.positions.length, 3 * stream.surface.facts.vertexCount);
   broker.close();
+});
+
+test('NativeProgramsFindABrokerBehindAPath', async () => {
+  const site = await startSite(shared.port, { prefix: '/tools/eigencast', isProxy: true }), url = `${site.url}/lab/native`;
+  const sender = programs.start('eigencast-sender', 'play', 'heart', '--rank', '24', '--no-progress', '--to', url);
+  try {
+    const listed = async (name) => (await (await connect(urlOf(shared), options)).streams()).find(({ stream }) => stream === name);
+    await until(async () => (await listed('lab/native'))?.state === 'live', 'the stream under its own name', 150_000);
+    assert.equal(await listed('tools/eigencast/lab/native'), undefined);
+    if (!existsSync(join(BIN, 'eigencast-client'))) return console.log('no eigencast-client');
+    const out = join(programs.folder, 'behind'), words = [url, '--headless', '--frames=1', '--size=64x64', '--wait=60', `--out=${out}`];
+    assert.equal(await programs.start('eigencast-client', ...words).ended, 0);
+    assert.ok(existsSync(join(out, 'frame_0001.png')));
+  } finally {
+    await sender.stop('SIGKILL');
+    await site.stop();
+  }
 });
