@@ -18,10 +18,21 @@ export interface PublishOptions extends Pick<ConnectOptions, 'token' | 'core' | 
   asset: string;
   /** What quantising may change: area-weighted rms, surface units. Default: a thousandth of the diagonal of its box. */
   error?: number;
+  /** What rides on each vertex besides its position, at most ten; ranges are those to expect. */
+  scalars?: readonly PublishedScalar[];
   /** Announced (default 30); send() may be called at any rate. */
   keyRateHz?: number;
   /** eigencast-writer.wasm, as `core`. Default: beside this file. */
   writer?: ConnectOptions['core'];
+}
+export interface PublishedScalar {
+  /** 1 to 64 of A-Z a-z 0-9 . _ - */
+  name: string;
+  unit?: string;
+  low?: number;
+  high?: number;
+  /** As for positions; default: a thousandth of the range. */
+  error?: number;
 }
 export interface PublisherStatus {
   state: 'connecting' | 'announcing' | 'live' | 'lost' | 'refused' | 'closed';
@@ -46,7 +57,7 @@ const SENDERS = {
 /** Publishes one stream, and keeps doing so: announces, sends, reconnects. Poses meanwhile are dropped. */
 export class Publisher extends Events<PublisherEvents> {
   readonly facts: AssetFacts;
-  /** rank x 3, row-major: the coefficients of the rest pose. */
+  /** rank x (3 + scalars), row-major: the coefficients of the rest pose, where scalars are 0. */
   readonly rest: Float64Array;
   /** What holds now; listen to `status` for more. */
   status: PublisherStatus = { state: 'connecting', detail: 'connecting', subscribers: 0 };
@@ -57,6 +68,8 @@ export class Publisher extends Events<PublisherEvents> {
   readonly #stream: string;
   readonly #announce: object;
   readonly #writer: Writer;
+  /** What channels are multiplied with: 1 for positions. */
+  readonly #scales: readonly number[];
   readonly #retry = new Retry();
   #socket: WebSocket | undefined;
   #openedUs: number | undefined;
@@ -68,14 +81,14 @@ export class Publisher extends Events<PublisherEvents> {
   #ticker: ReturnType<typeof setInterval> | undefined;
 
   /** Use publish(). */
-  constructor(environment: Environment, broker: BrokerUrl, stream: string, facts: AssetFacts, rest: Float64Array, writer: Writer, announce: object) {
+  constructor(environment: Environment, broker: BrokerUrl, stream: string, facts: AssetFacts, rest: Float64Array, writer: Writer, scales: readonly number[], announce: object) {
     super();
-    [this.#environment, this.#broker, this.#stream, this.facts, this.rest, this.#writer, this.#announce] = [environment, broker, stream, facts, rest, writer, announce];
+    [this.#environment, this.#broker, this.#stream, this.facts, this.rest, this.#writer, this.#scales, this.#announce] = [environment, broker, stream, facts, rest, writer, scales, announce];
     this.#connect();
   }
 
   /**
-   * coefficients  rank x 3, row-major
+   * coefficients  rank x (3 + scalars), row-major
    * captureUs     when the pose holds: any clock that grows (default: now)
    * False: it was dropped, for want of a connection or of room in it, or as it is not after the one before. Throws
    * EigencastError (invalid-argument, too-large) for what no pose can be.
@@ -84,7 +97,8 @@ export class Publisher extends Events<PublisherEvents> {
     const socket = this.#socket, us = BigInt(captureUs);
     if (coefficients.length !== this.rest.length) throw new EigencastError('invalid-argument', `a pose has ${this.rest.length} coefficients, not ${coefficients.length}`);
     if (!socket || this.status.state !== 'live' || socket.bufferedAmount > MAX_UNSENT_BYTES || us <= this.#lastUs) return (++this.dropped, false);
-    socket.send(this.#writer.frame(coefficients, us) as Uint8Array<ArrayBuffer>);
+    const scales = this.#scales, scaled = scales.length === 3 ? coefficients : Float64Array.from(coefficients, (value, i) => value * scales[i % scales.length]!);
+    socket.send(this.#writer.frame(scaled, us) as Uint8Array<ArrayBuffer>);
     this.#lastUs = us;
     ++this.sent;
     return true;
@@ -191,7 +205,7 @@ export class Publisher extends Events<PublisherEvents> {
 }
 
 /** A stream by its URL, such as https://host/lab/ball. Throws EigencastError (invalid-argument, not-found, ...). */
-export async function publish(url: string, { asset, error, keyRateHz = 30, token, core, writer, environment: given }: PublishOptions): Promise<Publisher> {
+export async function publish(url: string, { asset, error, scalars: wanted = [], keyRateHz = 30, token, core, writer, environment: given }: PublishOptions): Promise<Publisher> {
   const environment = surroundings(given), { broker, stream } = await locatedUrl(url, token, environment);
   const load = async (module: NonNullable<ConnectOptions['core']>): Promise<Core> => Core.make(await compiled(module, environment));
   const [reading, writing] = await Promise.all([load(core ?? defaults.core), load(writer ?? defaults.writer)]);
@@ -200,9 +214,11 @@ export async function publish(url: string, { asset, error, keyRateHz = 30, token
   const reader = new AssetReader(reading, asset, new Uint8Array(await answer.arrayBuffer()));
   const { facts, rest } = reader;
   reader.free();
-  const format: Format = { rows: facts.rank, channels: 3, band_ends: facts.bandEnds, codec: 'quantised', velocity_channels: 0, velocity_us: 1_000_000, scalars: [] };
-  const diagonal = Math.hypot(...facts.boxHigh.map((high, i) => high - facts.boxLow[i]!));
-  const made = new Writer(writing, format, error ?? diagonal / 1000, facts.area);
-  const { rows, channels, band_ends, codec } = format;
-  return new Publisher(environment, broker, stream, facts, rest, made, { asset, format: { rows, channels, band_ends, codec }, key_rate_hz: keyRateHz });
+  const bound = error ?? Math.hypot(...facts.boxHigh.map((high, i) => high - facts.boxLow[i]!)) / 1000;
+  const scalars = wanted.map(({ name, unit = '', low = 0, high = 0, error: own = (high - low) / 1000 }) => ({ name, unit, low, high, scale: own > 0 ? bound / own : 1 }));
+  const channels = 3 + scalars.length, rows = facts.rank, band_ends = facts.bandEnds, codec = 'quantised' as const;
+  const format: Format = { rows, channels, band_ends, codec, velocity_channels: 0, velocity_us: 1_000_000, scalars };
+  const made = new Writer(writing, format, bound, facts.area), announced = { rows, channels, band_ends, codec, ...(scalars.length > 0 ? { scalars } : {}) };
+  const begun = Float64Array.from({ length: rows * channels }, (_, i) => (i % channels < 3 ? rest[3 * Math.floor(i / channels) + (i % channels)]! : 0));
+  return new Publisher(environment, broker, stream, facts, begun, made, [1, 1, 1, ...scalars.map(({ scale }) => scale)], { asset, format: announced, key_rate_hz: keyRateHz });
 }

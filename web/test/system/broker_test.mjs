@@ -218,6 +218,28 @@ test('ASenderThatComesBackIsFollowed', async () => {
   await mine.stop('SIGKILL');
 });
 
+test('ScalarsRideOnPublishedPoses', async (t) => {
+  const { asset } = (await (await connect(urlOf(shared), options)).streams()).find(({ stream }) => stream === 'lab/heart');
+  const publishing = { ...options, writer: writerWasm, asset };
+  const publisher = await publish(urlOf(shared, '/play/warm'), { ...publishing, scalars: [{ name: 'warmth', unit: 'K', low: 270, high: 320 }, { name: 'flag' }] });
+  const stream = await watch(urlOf(shared, '/play/warm?rate=raw'), options), { rank } = publisher.facts;
+  t.after(() => [publisher, stream].forEach((one) => one.close()));
+  assert.equal(publisher.rest.length, 5 * rank);
+  // What an error of 0.05 K over the surface is in a coefficient, at most; and a hundred times that.
+  const near = 0.05 * Math.sqrt(3 * publisher.facts.area), pose = publisher.rest.map((value, i) => (i % 5 === 3 ? (100 * near) / (1 + Math.floor(i / 5)) : value));
+  await until(() => (publisher.send(pose), stream.pose), 'a pose');
+  const [{ scale: _scale, ...warmth }, flag] = stream.info.format.scalars;
+  assert.deepEqual([warmth, flag], [{ name: 'warmth', unit: 'K', low: 270, high: 320 }, { name: 'flag', unit: '', low: 0, high: 0, scale: 1 }]);
+  const { coefficients, channels } = stream.pose;
+  assert.equal(channels, 5);
+  for (let row = 0; row < rank; ++row) {
+    const got = coefficients[5 * row + 3];
+    assert.ok(Math.abs(got - pose[5 * row + 3]) < near, `row ${row}: ${got} for ${pose[5 * row + 3]}`);
+  }
+  assert.throws(() => publisher.send(pose.slice(1)), { code: 'invalid-argument' });
+  await assert.rejects(publish(urlOf(shared, '/play/wrong'), { ...publishing, scalars: Array.from({ length: 14 }, (_, i) => ({ name: `s${i}` })) }), { code: 'invalid-argument' });
+});
+
 test('UrlsBehindAPathOfAProxyAreFound', async () => {
   const proxy = await startSite(shared.port, { prefix: '/behind/a/proxy' });
   const stream = await watch(`${proxy.url}/lab/heart?rate=raw`, options);
