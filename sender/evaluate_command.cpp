@@ -147,11 +147,16 @@ std::string notes_on_again(const EvaluatedRow& row, double rate_hz) {
 /// No other way has fewer bits and less error.
 std::string curve_of(const RankTrial& trial) {
   std::string text = text_of(trial) + "\n  kbit/s     error     r products   coding\n";
-  std::vector<TrialPoint> front = front_of(trial.points);
-  if (std::find(front.begin(), front.end(), trial.chosen) == front.end()) front.push_back(trial.chosen);
-  for (const TrialPoint& p : front) {
-    text += formatted("%s %6.1f  %8.2e  %4d %8d %8.2e\n", p == trial.chosen ? ">" : " ", p.kbit_per_s, p.error, p.rank,
-                      p.products, p.coding);
+  const TrialPoint& c = trial.chosen;
+  std::vector<TrialPoint> points = trial.points;  // Of what is chosen as the asset has it alone.
+  std::erase_if(points, [&](const TrialPoint& p) {
+    return p.rank == c.rank && p.products == c.products && p.coding == c.coding && p != c;
+  });
+  points = front_of(std::move(points));
+  if (std::find(points.begin(), points.end(), c) == points.end()) points.push_back(c);
+  for (const TrialPoint& p : points) {
+    text += formatted("%s %6.1f  %8.2e  %4d %8d %8.2e\n", p == c ? ">" : " ", p.kbit_per_s, p.error, p.rank, p.products,
+                      p.coding);
   }
   return text;
 }
