@@ -62,6 +62,7 @@ export class Stream extends Events<StreamEvents> {
   surface: Surface | undefined;
   image: Uint8Array | undefined;
   pose: Pose | undefined;
+  error: EigencastError | undefined;
   readonly #post: (message: ToWorker, transfer?: Transferable[]) => void;
   readonly #closed: () => void;
   readonly #waiting = new Map<number, { resolve: (rebuilt: Rebuilt) => void; reject: (error: Error) => void }>();
@@ -118,7 +119,7 @@ export class Stream extends Events<StreamEvents> {
         return void this.#waiting.delete(message.request);
       case 'failed': {
         const error = new EigencastError(message.code, message.message);
-        if (message.request === undefined) return this.emit('error', error);
+        if (message.request === undefined) return this.emit('error', (this.error = error));
         this.#waiting.get(message.request)?.reject(error);
         this.#waiting.delete(message.request);
       }

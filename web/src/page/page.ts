@@ -13,13 +13,15 @@ import { StreamPage } from './stream_page.js';
 async function open(): Promise<void> {
   const place = placeOf(new URL(location.href), import.meta.url);
   hideToken(place);
-  const broker = await connect(place.base, { token: place.token });
+  const connecting = connect(place.base, { token: place.token }), staging = Stage.make(connecting.then(({ module }) => module));
+  staging.catch(() => {});  // Said where it is awaited.
+  const broker = await connecting;
   if (place.stream === '') {
-    const [{ ListPage }, stage] = await Promise.all([import('./list_page.js'), Stage.make(broker.module).catch(() => undefined)]);
+    const [{ ListPage }, stage] = await Promise.all([import('./list_page.js'), staging.catch(() => undefined)]);
     return new ListPage(place, broker, stage, { View, part, command, pageOf }).run();
   }
-  const stage = await Stage.make(broker.module);
-  new StreamPage(place, broker, stage, broker.watch(checkedName(place.stream), { profile: profileIn(place.query) }));
+  const stream = broker.watch(checkedName(place.stream), { profile: profileIn(place.query) });  // It arrives meanwhile.
+  new StreamPage(place, broker, await staging, stream);
 }
 
 open().catch((error: unknown) => {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { Broker, Stream } from '../client/client.js';
+import type { Surface } from '../client/subscription.js';
 import { Controls } from '../view/controls.js';
 import type { Stage } from '../view/stage.js';
 import { View } from '../view/view.js';
@@ -58,11 +59,13 @@ export class StreamPage implements Desk {
     }
     stream.on('status', () => this.#onStatus());
     stream.on('surface', () => this.#onStatus());
-    stream.on('error', (error) => this.#note.fail('The stream cannot be shown', error.message));
+    const fail = ({ message }: Error): void => this.#note.fail('The stream cannot be shown', message);
+    stream.on('error', fail);
     setInterval(() => (this.#refreshBanner(), void this.#refreshLegend()), BANNER_MS);
     document.addEventListener('keydown', (event) => this.#onKey(event));
     this.#onFirstSurface();
     this.#onStatus();
+    if (stream.error) fail(stream.error);
     this.#refreshButtons();
     const turn = (nowMs: number): void => {
       requestAnimationFrame(turn);
@@ -177,12 +180,14 @@ export class StreamPage implements Desk {
 
   #onFirstSurface(): void {
     let { eye, target } = this.#place;
-    const stop = this.#stream.on('surface', ({ colours, isComplete }) => {
+    const onSurface = ({ colours, isComplete }: Surface): void => {
       if (eye && target) this.view.camera.lookFrom(eye, target);
       eye = undefined;
       if (colours) this.#showOwnColours('own');
       if (colours || isComplete) stop();
-    });
+    };
+    const stop = this.#stream.on('surface', onSurface);
+    if (this.#stream.surface) onSurface(this.#stream.surface);
   }
   /** Unless somebody has chosen. */
   #showOwnColours(colour: 'own' | 'textured'): void {
@@ -197,7 +202,7 @@ export class StreamPage implements Desk {
     }
     this.#state.title = status.detail;
     view.canvas.setAttribute('aria-label', `${this.#place.stream}, a moving surface: ${status.detail || status.state}`);
-    if (view.live.surface) this.#note.hide();
+    if (this.#stream.surface) this.#note.hide();
     else {
       this.#note.show(status, linkOf({ ...this.#place, query: new URLSearchParams() }), {
         retry: () => this.#broker.retryNow(),

@@ -3,13 +3,15 @@
 export type GL = WebGL2RenderingContext;
 type Uniform = number | readonly number[];
 
-/** Shaders, linked at first use, so that what is not drawn costs nothing. */
+/** Shaders, linked at first use, so that what is not drawn costs nothing; or ahead of it. */
 export class Program {
   readonly #gl: GL;
   readonly #sources: readonly [vertex: string, fragment: string];
   readonly #name: string;
   readonly #uniforms = new Map<string, WebGLActiveInfo & { at: WebGLUniformLocation }>();
+  #shaders: WebGLShader[] = [];
   #program: WebGLProgram | undefined;
+  #isReady = false;
 
   constructor(gl: GL, name: string, vertex: string, fragment: string) {
     this.#gl = gl;
@@ -18,9 +20,23 @@ export class Program {
   }
   /** Throws Error with the compiler's words. */
   use(): this {
-    this.#program ??= this.#build();
-    this.#gl.useProgram(this.#program);
+    this.start();
+    if (!this.#isReady) this.#finish(this.#program!);
+    this.#gl.useProgram(this.#program!);
     return this;
+  }
+  /** Has it compiled and linked, beside what else goes on: only questions about it would wait. */
+  start(): void {
+    if (this.#program) return;
+    const gl = this.#gl, program = (this.#program = gl.createProgram());
+    this.#shaders = [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER].map((type, i) => {
+      const shader = gl.createShader(type)!;
+      gl.shaderSource(shader, this.#sources[i]!);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+      return shader;
+    });
+    gl.linkProgram(program);
   }
   /** After use(). What the program does not have is left out. */
   set(uniforms: Record<string, Uniform>): void {
@@ -40,27 +56,20 @@ export class Program {
     }
   }
 
-  #build(): WebGLProgram {
-    const gl = this.#gl, program = gl.createProgram();
-    const shaders = [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER].map((type, i) => {
-      const shader = gl.createShader(type)!;
-      gl.shaderSource(shader, this.#sources[i]!);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-      return shader;
-    });
-    gl.linkProgram(program);
+  #finish(program: WebGLProgram): void {
+    const gl = this.#gl;
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
-      const said = [gl.getProgramInfoLog(program), ...shaders.map((shader) => gl.getShaderInfoLog(shader))];
+      const said = [gl.getProgramInfoLog(program), ...this.#shaders.map((shader) => gl.getShaderInfoLog(shader))];
       throw new Error(`shader ${this.#name}: ${said.join(' ')}`);
     }
-    for (const shader of shaders) gl.deleteShader(shader);
+    for (const shader of this.#shaders) gl.deleteShader(shader);
+    this.#shaders = [];
+    this.#isReady = true;
     const count = (gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) as number | null) ?? 0;
     for (let i = 0; i < count; ++i) {
       const { name, type, size } = gl.getActiveUniform(program, i)!;
       this.#uniforms.set(name, { name, type, size, at: gl.getUniformLocation(program, name)! });
     }
-    return program;
   }
 }
 

@@ -22,6 +22,7 @@ export class Lighting {
   constructor(gl: GL) {
     this.#gl = gl;
     this.#shadow = new Program(gl, 'shadow', kShadowVertex, kShadowFragment);
+    this.#shadow.start();
     this.#map = gl.createTexture();
     bindTexture(gl, 0, this.#map);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, SHADOW_SIDE, SHADOW_SIDE);

@@ -62,8 +62,13 @@ export class LiveSurface {
       stream.on('surface', (surface) => this.#onSurface(surface)),
       stream.on('status', (status) => this.#onStatus(status)),
     ];
-    if (stream.status) this.#onStatus(stream.status);
-    if (stream.surface) this.#onSurface(stream.surface);
+    queueMicrotask(() => {
+      // What came before, once the owner has this surface.
+      if (this.#isClosed) return;
+      if (stream.status) this.#onStatus(stream.status);
+      if (stream.surface) this.#onSurface(stream.surface);
+      if (stream.pose) this.#onPose(stream.pose);
+    });
   }
   /** The stream stays as it is. */
   close(): void {

@@ -43,6 +43,7 @@ export class Renderer {
     this.#target = new Target(gl);
     this.#lighting = new Lighting(gl);
     this.#surroundings = new Surroundings(gl);
+    this.#mesh.start();  // Of what nearly every picture shows.
     this.#none = gl.createVertexArray();
     this.#table = gl.createTexture();
     this.useTable(new Uint8Array(4));

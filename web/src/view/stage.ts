@@ -52,13 +52,13 @@ export class Stage {
   #lastWorkMs = 0;
   #fence: WebGLSync | undefined;
 
-  private constructor(core: Core, canvas: HTMLCanvasElement, gl: GL, picturesPerSecond: number) {
+  private constructor(core: Core, canvas: HTMLCanvasElement, gl: GL, renderer: Renderer, picturesPerSecond: number) {
     this.core = core;
     this.#canvas = canvas;
     this.#gl = gl;
     this.#levels = picturesPerSecond > 0 ? new Levels(core, picturesPerSecond) : undefined;
     this.#turnMs = 1000 / picturesPerSecond;
-    this.#renderer = new Renderer(gl);
+    this.#renderer = renderer;
     this.#seen = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) for (const view of this.#views) if (view.canvas === target) view.isInSight = isIntersecting;
     });
@@ -72,14 +72,15 @@ export class Stage {
     });
     document.addEventListener('visibilitychange', this.#onVisibility);
   }
-  /** `module`: the core, as the broker's. Throws EigencastError (unsupported) without WebGL 2. */
-  static async make(module: WebAssembly.Module, { picturesPerSecond = 60 }: StageOptions = {}): Promise<Stage> {
+  /** `module`: the core, as the broker's, which may be on its way. Throws EigencastError (unsupported) without WebGL 2. */
+  static async make(module: WebAssembly.Module | Promise<WebAssembly.Module>, { picturesPerSecond = 60 }: StageOptions = {}): Promise<Stage> {
     const canvas = document.createElement('canvas');
     const gl = canvas.getContext('webgl2', { alpha: true, antialias: false, depth: false, powerPreference: 'high-performance' });
     if (!gl) {
       throw new EigencastError('unsupported', 'this browser draws no WebGL 2: turn hardware acceleration on in its settings, or open the page in another browser');
     }
-    return new Stage(await Core.make(module), canvas, gl, picturesPerSecond);
+    const renderer = new Renderer(gl);  // Shaders are compiled while the core arrives.
+    return new Stage(await Core.make(await module), canvas, gl, renderer, picturesPerSecond);
   }
   close(): void {
     for (const view of [...this.#views]) view.close();

@@ -20,6 +20,8 @@ export class Surroundings {
     this.#wall = new Program(gl, 'wall', kScreenVertex, kBackgroundFragment);
     this.#floor = new Program(gl, 'floor', kGroundVertex, kLighting + kGroundFragment);
     this.#line = new Program(gl, 'axes', kMeshVertex, kLineFragment);
+    this.#wall.start();
+    this.#floor.start();
     this.#none = gl.createVertexArray();
     this.#axes = gl.createVertexArray();
     this.#ends = gl.createBuffer();
