@@ -14,8 +14,8 @@ export interface Kit {
 }
 
 const EVERY_MS = 2000, ASPECT = 16 / 10;
-/** Up to these widths, in pixels of the screen, a preview takes one band of its surface's first part, or two bands. */
-const SMALL_PX = 400, MIDDLE_PX = 800;
+/** Up to these widths, in pixels of the screen, a preview takes one band of its surface's first part, or two bands; up to the last, the page's, no shadow. */
+const SMALL_PX = 400, MIDDLE_PX = 800, TILE_PX = 200;
 /** Of all previews, in one memory of 4 GiB, whatever their manifests claim; and of one of few. */
 const MAX_PREVIEWS = 128, ALL_BYTES = 3840 * 2 ** 20, MAX_BYTES = 160 * 2 ** 20;
 
@@ -166,7 +166,7 @@ export class ListPage {
     const maxBytes = Math.min(MAX_BYTES, ALL_BYTES / Math.min(this.#cards.size, MAX_PREVIEWS));
     card.stream = this.#broker.watch(card.name, { profile: { rate: 'raw', bands: card.bands }, maxBytes, isPreview: card.bands === 1 });
     card.view = new this.#kit.View(stage, canvas, card.stream);
-    card.view.setStyle({ wall: false, grid: false, shadow: card.bands > 1 });
+    card.view.setStyle({ wall: false, grid: false, shadow: canvas.clientWidth > TILE_PX });
     if (this.#isStill) card.view.live.isPaused = true;
   }
 }
