@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"
@@ -86,6 +87,19 @@ class Body {
 
   std::string_view rest_;
   Encoding encoding_;
+};
+
+/// A strip of triangles: each vertex makes one with the two before it, turned every other time. Those of two vertices
+/// join strips, and are nothing.
+struct Strip {
+  std::uint32_t before = 0, last = 0, count = 0;
+
+  void add(std::uint32_t vertex, std::vector<Face>& faces) {
+    if (++count > 2 && before != last && last != vertex && vertex != before) {
+      faces.push_back(count % 2 == 1 ? Face{before, last, vertex} : Face{last, before, vertex});
+    }
+    before = std::exchange(last, vertex);
+  }
 };
 
 class PlyParser {
@@ -206,9 +220,7 @@ class PlyParser {
         const Scalar& first = property.list_count != nullptr ? *property.list_count : *property.scalar;
         min_bytes += encoding_ == Encoding::kText ? 2 : first.bytes;
       }
-      if (element.name == "tristrips")
-        return fail(ErrorCode::kUnsupported, "triangle strips; save it with plain faces");
-      const bool used = element.name == "vertex" || element.name == "face";
+      const bool used = element.name == "vertex" || element.name == "face" || element.name == "tristrips";
       // The last token of a text may lack its blank.
       if (element.count > (bytes_.size() + 1) / std::max<std::size_t>(min_bytes, 1)) {
         return fail(ErrorCode::kCorrupt, "the header claims " + std::to_string(element.count) + " of " +
@@ -225,14 +237,16 @@ class PlyParser {
 
   Result<void> take_record(Body& body, const Element& element, std::uint64_t i) {
     const bool is_vertex = element.name == "vertex";
-    const bool is_face = element.name == "face";
+    const Indices of = element.name == "face"        ? Indices::kPolygon
+                       : element.name == "tristrips" ? Indices::kStrips
+                                                     : Indices::kNone;
     Vec3 p{};
     unsigned found = 0, coloured = 0;
     std::array<double, 3> colour{};
     for (const Property& property : element.properties) {
       if (property.list_count != nullptr) {
-        const bool indices = is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
-        if (auto taken = take_list(body, property, element, i, indices); !taken) return taken;
+        const bool named = property.name == "vertex_indices" || property.name == "vertex_index";
+        if (auto taken = take_list(body, property, element, i, named ? of : Indices::kNone); !taken) return taken;
         continue;
       }
       const auto value = body.take(*property.scalar);
@@ -266,7 +280,9 @@ class PlyParser {
     return 1U << channel;
   }
 
-  Result<void> take_list(Body& body, const Property& property, const Element& element, std::uint64_t i, bool indices) {
+  enum class Indices { kNone, kPolygon, kStrips };
+
+  Result<void> take_list(Body& body, const Property& property, const Element& element, std::uint64_t i, Indices of) {
     const auto count = body.take(*property.list_count);
     if (!count) return broken(element, i, property);
     // At least a byte a value, so that a lie ends here and not after billions of attempts.
@@ -275,20 +291,28 @@ class PlyParser {
                                            std::to_string(*count) + " values");
     }
     const auto length = static_cast<std::uint64_t>(*count);
-    if (indices) {
+    if (of == Indices::kPolygon) {
       if (const auto corners = check_corners(length, 0); !corners) {
         return in_context("face " + std::to_string(i), corners.error());
       }
       corner_counts_.push_back(static_cast<std::uint32_t>(length));
     }
+    Strip strip;
     for (std::uint64_t k = 0; k < length; ++k) {
       const auto value = body.take(*property.scalar);
       if (!value) return broken(element, i, property);
-      if (!indices) continue;
-      if (!(*value >= 0 && *value < static_cast<double>(kMaxSurfaceVertices) && *value == std::floor(*value))) {
-        return fail(ErrorCode::kCorrupt, "face " + std::to_string(i) + " has an index that is not a vertex");
+      if (of == Indices::kNone) continue;
+      if (of == Indices::kStrips && *value == -1) {
+        strip = {};
+        continue;
       }
-      corners_.push_back(static_cast<std::uint32_t>(*value));
+      if (!(*value >= 0 && *value < static_cast<double>(kMaxSurfaceVertices) && *value == std::floor(*value))) {
+        return fail(ErrorCode::kCorrupt,
+                    text::quoted(element.name) + " " + std::to_string(i) + " has an index that is not a vertex");
+      }
+      const auto corner = static_cast<std::uint32_t>(*value);
+      of == Indices::kPolygon ? corners_.push_back(corner) : strip.add(corner, mesh_.surface.faces);
+      if (mesh_.surface.faces.size() > kMaxSurfaceFaces) return check_sizes(1, mesh_.surface.faces.size());
     }
     return {};
   }
@@ -300,6 +324,8 @@ class PlyParser {
   }
 
   Result<void> check_indices() {
+    if (const auto strips = check_values(mesh_.surface); !strips)
+      return fail(ErrorCode::kCorrupt, strips.error().message);
     const std::size_t n = mesh_.surface.positions.size();
     std::size_t corner = 0;
     for (std::size_t i = 0; i < corner_counts_.size(); ++i) {

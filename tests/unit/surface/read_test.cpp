@@ -77,6 +77,18 @@ std::string binary_ply(bool big) {
   return bytes;
 }
 
+const std::string kStripHead =
+    "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    "element tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+
+std::string strip_ply() {
+  std::string bytes = "ply\nformat binary_big_endian 1.0\n" + kStripHead;
+  for (const Vec3& p : kCorners) {
+    for (const double x : p) bytes += swapped(std::vector<float>{static_cast<float>(x)});
+  }
+  return bytes + swapped(std::vector<std::int32_t>{6, 0, 1, 2, 3, 0, 1});
+}
+
 std::string binary_stl() {
   std::string bytes(80, ' ');
   bytes += raw(std::vector<std::uint32_t>{4});
@@ -125,6 +137,21 @@ TEST_F(Read, EveryFormatGivesTheSameTetrahedron) {
     EXPECT_EQ(s->faces, kFaces) << name;
   }
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "libraries never print";
+}
+
+TEST_F(Read, PlyStripsTurnEveryOtherTriangle) {
+  const std::string corners = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
+  const std::string head = "ply\nformat ascii 1.0\n" + kStripHead + corners;
+  const std::vector<Face> around{{0, 1, 2}, {2, 1, 3}, {2, 3, 0}, {0, 3, 1}};
+  EXPECT_EQ(read("a.ply", head + "6 0 1 2 3 0 1\n")->faces, around);
+  EXPECT_EQ(read("b.ply", head + "13 0 1 2 -1 2 1 3 -1 2 3 0 -1 3\n")->faces,
+            (std::vector<Face>{{0, 1, 2}, {2, 1, 3}, {2, 3, 0}}))
+      << "-1 ends a strip";
+  EXPECT_EQ(read("c.ply", head + "6 0 1 2 2 2 3\n")->faces, (std::vector<Face>{{0, 1, 2}})) << "two vertices only";
+  EXPECT_EQ(read("d.ply", strip_ply())->faces, around);
+  EXPECT_THAT(error_of("e.ply", head + "4 0 1 2 4\n"), HasSubstr("vertex 4"));
+  EXPECT_NE(error_of("f.ply", head + "4 0 1 2 -2\n"), "");
+  EXPECT_NE(error_of("g.ply", head + "2000000000 0 1 2 3\n"), "") << "a count that the file cannot hold";
 }
 
 TEST_F(Read, StlSharesVerticesInOrderOfAppearance) {
@@ -223,6 +250,7 @@ TEST_F(Read, TruncationsAreErrorsOrValidSurfaces) {
                                                         {"t.ply", kPlyText},
                                                         {"u.ply", binary_ply(false)},
                                                         {"v.ply", binary_ply(true)},
+                                                        {"w.ply", strip_ply()},
                                                         {"t.stl", kStlText},
                                                         {"u.stl", binary_stl()},
                                                         {"t.npy", positions_npy()}};
@@ -252,6 +280,7 @@ TEST_F(Read, ChangedBytesAreErrorsOrValidSurfaces) {
                                                         {"t.ply", kPlyText},
                                                         {"u.ply", binary_ply(false)},
                                                         {"v.ply", binary_ply(true)},
+                                                        {"w.ply", strip_ply()},
                                                         {"t.stl", kStlText},
                                                         {"u.stl", binary_stl()},
                                                         {"t.npy", positions_npy()}};
