@@ -27,7 +27,7 @@
 #include "common/spectral/eigenbasis.h"
 #include "common/spectral/laplacian.h"
 #include "common/surface/appearance.h"
-#include "common/surface/checks/check.h"
+#include "common/surface/checks/orientation.h"
 #include "common/surface/vector.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
@@ -38,7 +38,7 @@ namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 11;
+constexpr std::uint32_t kRecipe = 12;
 // Across a surface, so that its masses and a basis over them are numbers of 32 bits.
 constexpr double kMinSize = 1e-15, kMaxSize = 1e15;
 
@@ -80,11 +80,17 @@ struct PlannedAppearance {
   std::string report;
 };
 
-PlannedAppearance planned_appearance(const Surface& surface, const Appearance* stated) {
+/// turned: faces of the surface that are to be turned.
+PlannedAppearance planned_appearance(const Surface& surface, const std::vector<bool>& turned,
+                                     const Appearance* stated) {
   PlannedAppearance appearance;
+  if (const auto count = std::count(turned.begin(), turned.end(), true); count > 0)
+    appearance.report =
+        formatted("orientation: %td of %zu faces turned, since neighbours contradicted\n", count, turned.size());
   if (stated == nullptr) return appearance;
   appearance.colours = stated_colours(surface, *stated);
   appearance.texture = plan_texture(surface, *stated, appearance.report);
+  if (appearance.texture) turn_faces(turned, appearance.texture->uvs);
   return appearance;
 }
 
@@ -468,14 +474,18 @@ DetailKind detail_of(const BakeOptions& options) {
   return options.detail.value_or(options.basis == BasisKind::kHarmonic ? DetailKind::kFrames : DetailKind::kNone);
 }
 
-Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir,
+Result<BakeResult> bake(const Surface& given, const BakeOptions& options, const std::string& cache_dir,
                         const BakeProgress& progress) {
   const Stages stages(progress);
   if (!stages.at(0, "checking")) return cancelled("checking");
-  if (auto valid = validate_surface(surface); !valid) return valid.error();
+  if (auto valid = validate_surface(given); !valid) return valid.error();
   BakeOptions to_do = options;
-  if (options.wish) to_do.rank = trial_rank(surface.vertex_count(), options);
-  if (auto checked = check_options(surface, to_do); !checked) return checked.error();
+  if (options.wish) to_do.rank = trial_rank(given.vertex_count(), options);
+  if (auto checked = check_options(given, to_do); !checked) return checked.error();
+  const std::vector<bool> turned = faces_to_turn(given);
+  std::optional<Surface> oriented;
+  if (!turned.empty()) turn_faces(turned, oriented.emplace(given).faces);
+  const Surface& surface = oriented ? *oriented : given;
   std::optional<SamplePoses> samples;
   if (options.wish) {
     auto sampled = sample_poses(surface, options.samples != nullptr ? options.samples : options.motion);
@@ -483,7 +493,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
     samples = std::move(*sampled);
   }
   const SamplePoses* judges = samples ? &*samples : nullptr;
-  const PlannedAppearance appearance = planned_appearance(surface, options.appearance);
+  const PlannedAppearance appearance = planned_appearance(given, turned, options.appearance);
   const AssetCache cache(cache_dir);
   const std::vector<std::vector<Vec3>> poses = poses_of_levels(surface, options.motion);
   const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, poses, appearance, to_do, judges);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/core/union_find.h"
+#include "common/surface/checks/orientation.h"
 #include "common/surface/edge_uses.h"
 #include "common/surface/vector.h"
 
@@ -86,43 +87,10 @@ std::size_t index_of(OpenMesh::BaseHandle handle) {
   return static_cast<std::size_t>(handle.idx());
 }
 
-/// The faces to turn so that neighbours run along their edge in opposite directions, as far as that is possible.
-std::vector<bool> turned_faces(Edge uses, std::size_t face_count) {
-  struct Neighbour {
-    std::uint32_t face = kNone;
-    bool same_direction = false;
-  };
-  std::vector<std::array<Neighbour, 3>> across(face_count);
-  for_each_edge(uses, [&](Edge edge) {
-    if (edge.size() != 2) return;
-    const bool same = edge[0].upwards == edge[1].upwards;
-    across[edge[0].face][edge[0].side] = {edge[1].face, same};
-    across[edge[1].face][edge[1].side] = {edge[0].face, same};
-  });
-  std::vector<bool> seen(face_count), turned(face_count);
-  std::vector<std::uint32_t> front;
-  for (std::uint32_t first = 0; first < face_count; ++first) {
-    if (seen[first]) continue;
-    seen[first] = true;
-    front.push_back(first);
-    while (!front.empty()) {
-      const std::uint32_t face = front.back();
-      front.pop_back();
-      for (const Neighbour& neighbour : across[face]) {
-        if (neighbour.face == kNone || seen[neighbour.face]) continue;
-        seen[neighbour.face] = true;
-        turned[neighbour.face] = turned[face] != neighbour.same_direction;
-        front.push_back(neighbour.face);
-      }
-    }
-  }
-  return turned;
-}
-
 class CutMesh {
  public:
   CutMesh(Edge uses, std::size_t face_count, std::size_t vertex_count) : sides_(3 * face_count) {
-    const std::vector<bool> turned = turned_faces(uses, face_count);
+    const std::vector<bool> turned = oriented_patches(uses, face_count).turned;
     mesh_.reserve(vertex_count, uses.size() / 2, face_count);
     mesh_.resize(vertex_count, 0, 0);
     for_each_edge(uses, [&](Edge edge) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cassert>
+#include <cmath>
 #include <numeric>
 
 namespace eigencast {
@@ -11,6 +12,7 @@ namespace {
 
 constexpr std::size_t kLeaf = 4;
 constexpr std::size_t kDeepest = 64;  // halving 32-bit counts
+constexpr double kNever = std::numeric_limits<double>::infinity();
 
 void grow(Box& box, const Vec3& p) {
   const bool empty = box.low[0] > box.high[0];
@@ -34,6 +36,27 @@ double squared_to_segment(const Vec3& p, const Vec3& a, const Vec3& b) {
   const double squared_length = dot(along, along);
   const double t = squared_length > 0 ? std::clamp(dot(from, along) / squared_length, 0.0, 1.0) : 0;
   return squared_distance(from, t * along);
+}
+
+/// Where a ray enters a box; infinite: nowhere, or after `best`.
+double way_to_box(const Vec3& from, const Vec3& along, const Box& box, double best) {
+  double enters = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double a = (box.low[axis] - from[axis]) / along[axis], b = (box.high[axis] - from[axis]) / along[axis];
+    if (std::isnan(a) || std::isnan(b)) continue;  // along a side of the box
+    enters = std::max(enters, std::min(a, b));
+    best = std::min(best, std::max(a, b));
+  }
+  return enters <= best ? enters : kNever;
+}
+
+/// Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
+double way_to_triangle(const Vec3& from, const Vec3& along, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 ab = b - a, ac = c - a, p = cross(along, ac), s = from - a, q = cross(s, ab);
+  const double determinant = dot(ab, p);
+  if (determinant == 0) return kNever;
+  const double u = dot(s, p) / determinant, v = dot(along, q) / determinant;
+  return u < 0 || v < 0 || u + v > 1 ? kNever : dot(ac, q) / determinant;
 }
 
 /// Also takes triangles without area.
@@ -141,6 +164,28 @@ double SurfaceDistance::squared(const Vec3& p, double known, double enough) cons
     if (left.squared < right.squared) std::swap(left, right);
     stack[open++] = left;  // the nearer one on top
     stack[open++] = right;
+  }
+  return best;
+}
+
+double SurfaceDistance::way_to(const Vec3& from, const Vec3& along, double beyond) const {
+  assert(!faces_.empty());
+  std::array<std::uint32_t, kDeepest> stack;
+  std::size_t open = 0;
+  stack[open++] = 0;
+  double best = kNever;
+  while (open > 0) {
+    const std::uint32_t index = stack[--open];
+    const Node& node = nodes_[index];
+    if (way_to_box(from, along, node.box, best) == kNever) continue;
+    for (std::uint32_t k = 0; k < node.count; ++k) {
+      const Face& face = faces_[order_[node.first + k]];
+      const double way = way_to_triangle(from, along, positions_[face[0]], positions_[face[1]], positions_[face[2]]);
+      if (way > beyond) best = std::min(best, way);
+    }
+    if (node.count > 0) continue;
+    stack[open++] = node.first;
+    stack[open++] = index + 1;
   }
   return best;
 }

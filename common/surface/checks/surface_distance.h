@@ -25,6 +25,9 @@ class SurfaceDistance {
   ///   enough  the search ends with what it has as soon as that is not above this, squared
   double squared(const Vec3& p, double known = std::numeric_limits<double>::infinity(), double enough = 0) const;
 
+  /// How far a ray runs to the first triangle beyond `beyond`, in lengths of `along`; infinite: it meets none.
+  double way_to(const Vec3& from, const Vec3& along, double beyond) const;
+
  private:
   struct Node {
     Box box;

@@ -13,6 +13,7 @@
 #include "common/asset/format/reader.h"
 #include "common/progressive/prefix.h"
 #include "common/reconstruction/reconstruct.h"
+#include "common/surface/checks/orientation.h"
 #include "common/surface/formats/read.h"
 #include "common/surface/shapes/shapes.h"
 #include "tests/support/paths.h"
@@ -402,6 +403,15 @@ TEST(Bake, OneTextureGoesWithTheAsset) {
   const auto second = bake(surface, options, folder.path());
   ASSERT_TRUE(second && second->asset.texture);
   EXPECT_EQ(second->asset.texture->image, appearance.images[1].bytes);
+  Surface contradictory = surface;
+  std::vector<bool> turned(surface.faces.size());
+  for (std::size_t f = 0; f < turned.size(); ++f) turned[f] = f % 3 == 1;
+  turn_faces(turned, contradictory.faces);
+  turn_faces(turned, appearance.corner_uv);
+  const auto third = bake(contradictory, options, folder.path());
+  ASSERT_TRUE(third) << third.error().message;
+  EXPECT_TRUE(third->from_cache);
+  EXPECT_EQ(third->encoded.manifest.id, second->encoded.manifest.id) << "faces are turned back with their corners";
 }
 
 TEST(Bake, CanBeStoppedAtEveryStage) {
