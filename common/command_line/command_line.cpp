@@ -3,8 +3,12 @@
 
 #include <CLI/CLI.hpp>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <type_traits>
+
+#include "common/command_line/option_text.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -25,11 +29,51 @@ CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
   }
 }
 
-/// CLI11's own leaves out the commands below a command.
+/// "0 to 1", "at least 0.1": limits that nobody reaches are not limits. CLI11 writes "FLOAT in [0 - 1]".
+std::string words_from_range(const std::string& type) {
+  double low = 0, high = 0;
+  const std::size_t at = type.find(" in [");
+  constexpr double kNoLimit = 1e6;
+  if (at == std::string::npos || std::sscanf(type.c_str() + at, " in [%lf - %lf]", &low, &high) != 2) return {};
+  if (high < kNoLimit) return formatted("%g to %g", low, high);
+  return low > 0 ? formatted("at least %g", low) : std::string();
+}
+
+/// CLI11's own leaves out the commands below a command, and gives types, limits and defaults as programs write them.
 class NestedHelp final : public CLI::Formatter {
  public:
+  std::string make_option_opts(const CLI::Option* option) const override {
+    if (!option->get_option_text().empty()) return " " + option->get_option_text();
+    const std::string type = option->get_type_name(), kind = type.substr(0, type.find(':'));
+    if (option->get_type_size() == 0) return {};
+    std::string text = kind == "FLOAT" || kind == "INT" || kind == "UINT" ? " NUMBER" : kind.empty() ? "" : " " + kind;
+    if (option->get_expected_max() == CLI::detail::expected_max_vector_size) text += " ...";
+    return text;
+  }
+
+  std::string make_option_desc(const CLI::Option* option) const override {
+    const std::string& description = option->get_description();
+    std::string text;
+    const auto add = [&text](const std::string& part) {
+      text += part.empty() ? "" : (text.empty() ? "" : "; ") + part;
+    };
+    if (option->get_type_size() != 0) {
+      const std::vector<std::string> choices = choices_of(*option);
+      if (!names_all(description, choices)) add(joined(choices, ", "));
+      add(words_from_range(option->get_type_name()));
+      if (option->get_required()) add("needed");
+      if (!option->get_default_str().empty()) add("default: " + option->get_default_str());
+      if (!option->get_envname().empty()) add("or $" + option->get_envname());
+    }
+    for (const CLI::Option* other : option->get_needs()) add("with " + other->get_name());
+    for (const CLI::Option* other : option->get_excludes()) add("not with " + other->get_name());
+    return text.empty() ? description : description + " (" + text + ")";
+  }
+
   std::string make_expanded(const CLI::App* command) const override {
     std::string text = CLI::Formatter::make_expanded(command);
+    const CLI::App* above = command->get_parent();
+    if (above != nullptr && above->get_footer() != command->get_footer()) text += make_footer(command) + "\n";
     for (const CLI::App* below : command->get_subcommands({}))
       if (!below->get_name().empty()) text += make_expanded(below);
     return text;
@@ -46,9 +90,10 @@ CommandLine::CommandLine(const std::string& name, const std::string& description
 
 CommandLine::~CommandLine() = default;
 
-void CommandLine::add(std::span<const OptionEntry> entries) {
+void CommandLine::add(std::span<const OptionEntry> entries, const std::string& group) {
   for (const OptionEntry& entry : entries) {
     CLI::Option* option = std::visit([&](auto* value) { return add_entry(*app_, entry, *value); }, entry.value);
+    option->group(group);
     if (entry.environment != nullptr) option->envname(entry.environment);
   }
 }
@@ -81,10 +126,14 @@ void add_help_all(CLI::App& app) {
 
 CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials) {
   CLI::Option* token = app.add_option("--token", credentials.token, "token for the broker, or @FILE that holds it");
-  app.add_option("--ca", credentials.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)");
-  app.add_option("--cert", credentials.certificate_file, "PEM file of a certificate for brokers that ask for one");
-  app.add_option("--key", credentials.key_file, "PEM file of its private key");
-  app.add_flag("--insecure", credentials.insecure, "do not check the broker's certificate: for trying out only");
+  token->group(kCredentialsGroup);
+  app.add_option("--ca", credentials.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)")
+      ->group(kCredentialsGroup);
+  app.add_option("--cert", credentials.certificate_file, "PEM file of a certificate for brokers that ask for one")
+      ->group(kCredentialsGroup);
+  app.add_option("--key", credentials.key_file, "PEM file of its private key")->group(kCredentialsGroup);
+  app.add_flag("--insecure", credentials.insecure, "do not check the broker's certificate: for trying out only")
+      ->group(kCredentialsGroup);
   return token;
 }
 

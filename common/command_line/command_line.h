@@ -44,7 +44,8 @@ class CommandLine {
   CommandLine(const std::string& name, const std::string& description, const std::string& version);
   ~CommandLine();
 
-  void add(std::span<const OptionEntry> entries);
+  /// group: heads them in the help.
+  void add(std::span<const OptionEntry> entries, const std::string& group = "Options");
   void set_footer(const std::string& text);
   /// Says more about an option that is there, or names its environment variable.
   void amend(const char* option, const char* help, const char* environment);
@@ -63,8 +64,10 @@ class CommandLine {
 
 /// --token, --ca, --cert, --key and --insecure. Gives --token, for what a program says of it beyond that.
 CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials);
+inline constexpr const char* kCredentialsGroup = "Who you are";
 
-/// --help-all: the help of every command, nested ones too; manual pages are made from it. Call before adding commands.
+/// Help in words: what a value is, its limits, its default. --help-all: the help of every command, nested ones too;
+/// manual pages are made from it. Call before adding commands.
 void add_help_all(CLI::App& app);
 
 /// What is wrong with numbers that a command line gave and CLI11 takes: "nan" lies in no range, and in every one by its

@@ -5,16 +5,11 @@
 #include <algorithm>
 #include <vector>
 
+#include "common/command_line/option_text.h"
 #include "common/core/text.h"
 
 namespace eigencast {
 namespace {
-
-std::string joined(const std::vector<std::string>& words, const char* between) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
-  return text;
-}
 
 struct ListedOption {
   std::vector<std::string> names;    ///< "-o", "--out"
@@ -32,31 +27,18 @@ struct ListedCommand {
   std::string slashed() const { return path.empty() ? "" : "/" + joined(path, "/"); }
 };
 
-// CLI11 states the members of a set in the type: "TEXT:{augmented,harmonic}".
-std::vector<std::string> choices_in(const std::string& type) {
-  const std::size_t open = type.find('{'), close = type.find('}');
-  if (open == std::string::npos || close == std::string::npos) return {};
-  const auto choices = split(std::string_view(type).substr(open + 1, close - open - 1), ',');
-  return {choices.begin(), choices.end()};
-}
-
 ListedOption row_from(const CLI::Option& option) {
   ListedOption row;
   for (const std::string& name : option.get_snames()) row.names.push_back("-" + name);
   for (const std::string& name : option.get_lnames()) row.names.push_back("--" + name);
   const std::string type = option.get_type_name();
-  row.choices = choices_in(type);
+  row.choices = choices_of(option);
   if (option.get_items_expected_max() > 0 && option.get_type_size() != 0) {
     row.argument = row.names.empty() ? option.get_name() : type.substr(0, type.find_first_of(":{ "));
     if (row.argument.empty()) row.argument = "VALUE";
   }
   row.description = option.get_description();
-  const bool are_named = std::all_of(row.choices.begin(), row.choices.end(), [&](const std::string& choice) {
-    return row.description.find(choice) != std::string::npos;
-  });
-  if (!are_named) {
-    row.description += ": " + joined(row.choices, ", ");
-  }
+  if (!names_all(row.description, row.choices)) row.description += ": " + joined(row.choices, ", ");
   if (!option.get_default_str().empty()) row.description += " (default: " + option.get_default_str() + ")";
   return row;
 }
@@ -219,6 +201,26 @@ std::string zsh_from(const std::string& program, const std::vector<ListedCommand
 }
 
 }  // namespace
+
+std::string joined(const std::vector<std::string>& words, const char* between) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
+  return text;
+}
+
+// CLI11 states the members of a set in the type: "TEXT:{augmented,harmonic}".
+std::vector<std::string> choices_of(const CLI::Option& option) {
+  const std::string type = option.get_type_name();
+  const std::size_t open = type.find('{'), close = type.find('}');
+  if (open == std::string::npos || close == std::string::npos) return {};
+  const auto choices = split(std::string_view(type).substr(open + 1, close - open - 1), ',');
+  return {choices.begin(), choices.end()};
+}
+
+bool names_all(std::string_view description, const std::vector<std::string>& choices) {
+  return std::all_of(choices.begin(), choices.end(),
+                     [&](const std::string& choice) { return description.find(choice) != std::string_view::npos; });
+}
 
 std::optional<std::string> completion_script(const CLI::App& app, std::string_view shell) {
   std::vector<ListedCommand> rows;

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <CLI/CLI.hpp>
+
+#include "common/command_line/command_line.h"
+
+namespace eigencast {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+TEST(Help, LimitsAreWords) {
+  double part = 1, rate = 30, seconds = 0;
+  int count = 3;
+  std::string kind = "b";
+  bool again = false;
+  CommandLine line("mover", "Moves things.", "1");
+  const std::vector<OptionEntry> entries{
+      {"--part", &part, "how much", OptionEntry::Range{0, 1}},
+      {"--rate", &rate, "a second", OptionEntry::Range{0.5, 1e7}, true},
+      {"--seconds", &seconds, "how long", OptionEntry::Range{0, 1e7}},
+      {"--count", &count, "how many", OptionEntry::Range{2, 15}, false, "MOVER_COUNT"},
+      {"--kind", &kind, "which", std::vector<std::string>{"a", "b"}, true}};
+  line.add(entries, "Motion");
+  const std::vector<OptionEntry> flags{{"--again", &again, "once more"}};
+  line.add(flags, "End");
+  const std::string help = line.app().help();
+  EXPECT_THAT(help, Not(HasSubstr("FLOAT")));
+  EXPECT_THAT(help, Not(HasSubstr("INT")));
+  EXPECT_THAT(help, Not(HasSubstr("1e+07"))) << "a limit that nobody reaches";
+  EXPECT_THAT(help, AllOf(HasSubstr("0 to 1"), HasSubstr("at least 0.5"), HasSubstr("2 to 15"), HasSubstr("a, b")));
+  EXPECT_THAT(help, AllOf(HasSubstr("default: 30"), HasSubstr("MOVER_COUNT")));
+  EXPECT_LT(help.find("Motion:"), help.find("--part"));
+  EXPECT_LT(help.find("--kind"), help.find("End:"));
+}
+
+}  // namespace
+}  // namespace eigencast
