@@ -24,7 +24,8 @@ class MemoryFetcher {
       : log_(log), budget_(budget), fetcher_({}, std::move(wake), std::move(log)) {}
 
   void use(const BrokerUrl& broker) { fetcher_.use(broker); }
-  /// What is wanted from now on, all of its segments; those that are here already are not fetched again. REQUIRES: use().
+  /// What is wanted from now on, all of its segments; those that are here already are not fetched again.
+  /// REQUIRES: use().
   void want(control::Remember memory, const control::StreamInfo& info);
   /// Takes the segments that have come. True: the memory has all; once for each want().
   bool add_segments();
