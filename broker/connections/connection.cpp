@@ -91,7 +91,7 @@ void Connection::start(std::string answer) {
     blocked_ = false;
     counted_ = counted_in(context_.connection_count);
     context_.connections.insert(this);
-    send_framed(std::move(answer));
+    send_framed(std::make_shared<const std::string>(std::move(answer)));
     wait_to_read(Transport::Wait::kReadable);
     on_open();
     schedule_write();
@@ -188,7 +188,7 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
 
 void Connection::on_ping(std::string_view payload) {
   charge(kAnswerUs);
-  const bool late = !outbox_.push_pong(std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload)));
+  const bool late = !outbox_.push_pong(websocket::framed(Opcode::kPong, payload));
   if (late && !blocked_) flush();
   schedule_write();
 }
@@ -291,14 +291,17 @@ void Connection::greet() {
 }
 
 void Connection::send(const ControlMessage& message) {
-  if (closing_ || ended_) return;
-  ++context_.counters.control_sent;
-  send_framed(websocket::framed(Opcode::kText, text_from_control(message)));
+  if (!closing_ && !ended_) send(websocket::framed(Opcode::kText, text_from_control(message)));
 }
 
-void Connection::send_framed(std::string message) {
+void Connection::send(const Outbox::Text& control) {
   if (closing_ || ended_) return;
-  const auto text = std::make_shared<const std::string>(std::move(message));
+  ++context_.counters.control_sent;
+  send_framed(control);
+}
+
+void Connection::send_framed(const Outbox::Text& text) {
+  if (closing_ || ended_) return;
   if (outbox_.push_control(text)) return schedule_write();
   // Many requests in one turn make many answers before its end; the socket may still take them.
   if (!blocked_) flush();

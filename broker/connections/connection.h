@@ -69,7 +69,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void greet();
   /// A full queue closes the connection.
   void send(const ControlMessage& message);
-  void send_framed(std::string message);
+  void send(const Outbox::Text& control);  ///< Framed.
+  void send_framed(const Outbox::Text& message);
   void deliver(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void send_droppable(const Outbox::Text& text);
   /// Moves messages from the outbox into the write queue for the end of this turn, unless blocked.

@@ -73,7 +73,7 @@ void Connection::fill_write_queue() {
     auto item = outbox_.take(context_.turn.now_us(), join);
     if (!item && !closing_) break;
     if (!item) {
-      const auto close = std::make_shared<const std::string>(websocket::framed_close(close_code_, close_reason_));
+      const auto close = websocket::framed_close(close_code_, close_reason_);
       item = Outbox::Item{close, nullptr};
       close_queued_ = true;
     } else if (closing_ && item->frame) {

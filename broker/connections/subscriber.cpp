@@ -103,7 +103,7 @@ bool Subscriber::take_key(double work_us) {
 
 void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
   if (restart) outbox().open_lane(stream.id());
-  send(stream.info_for(*this));
+  send(stream.info_text(*this));
 }
 
 void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {

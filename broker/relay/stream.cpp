@@ -31,10 +31,6 @@ constexpr std::size_t kMaxPayersAsked = 8;
 constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
 constexpr TimeUs kRetryUs = 50'000;  ///< After a key that nobody paid for.
 
-std::shared_ptr<const std::string> framed_text(const std::string& json) {
-  return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, json));
-}
-
 }  // namespace
 
 void StreamShare::announce() {
@@ -139,6 +135,7 @@ void Stream::release(PublisherLink& link) {
 
 void Stream::stall() {
   if (!std::exchange(present_.live, false)) return;
+  info_texts_.clear();
   deliver();
   for (StreamTap* tap : settings_.taps) tap->on_stalled(*this);
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
@@ -159,6 +156,7 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
     const auto codec = codec_from_name(format.codec);
     if (!codec) return codec.error();
     present_ = snapshot;
+    info_texts_.clear();
     share_->announce();
     layout_ = {*codec, format.rows, format.channels, format.band_ends};
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
@@ -318,7 +316,7 @@ void Stream::relay_trace(const control::Trace& trace) {
   relayed.epoch = present_.epoch;
   const std::string json = text_from_control(relayed);
   if (json.size() > limits::kMaxControlBytes) return;  // Numbers of this broker made it longer than viewers take.
-  const auto text = framed_text(json);
+  const auto text = websocket::framed(websocket::Opcode::kText, json);
   for (Watcher* watcher : order_) {
     if (tracer_.is_wanted_by(watcher, trace.sequence)) watcher->on_trace(text);
   }
@@ -340,7 +338,7 @@ void Stream::send_traces(Group& group) {
   for (const FramePtr& frame : group.traced) {
     const auto trace = tracer_.trace_of(*frame);
     if (!trace) continue;
-    const auto text = framed_text(text_from_control(*trace));
+    const auto text = websocket::framed(websocket::Opcode::kText, text_from_control(*trace));
     for (Watcher* watcher : group.watchers) {
       if (tracer_.is_wanted_by(watcher, trace->sequence)) watcher->on_trace(text);
     }
@@ -374,9 +372,22 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.format = present_.announced.format;
   info.key_rate_hz = present_.announced.key_rate_hz;
   info.world = present_.announced.world;
-  if (const auto found = watched_.find(&watcher); found != watched_.end())
-    info.profile = found->second.group != nullptr ? found->second.group->feed.profile() : found->second.wanted;
+  info.profile = profile_of(watcher);
   return info;
+}
+
+std::shared_ptr<const std::string> Stream::info_text(const Watcher& watcher) const {
+  constexpr std::size_t kMaxTexts = 64;
+  if (info_texts_.size() > kMaxTexts) info_texts_.clear();
+  auto& text = info_texts_[profile_of(watcher)];
+  if (!text) text = websocket::framed(websocket::Opcode::kText, text_from_control(info_for(watcher)));
+  return text;
+}
+
+Profile Stream::profile_of(const Watcher& watcher) const {
+  const auto found = watched_.find(&watcher);
+  if (found == watched_.end()) return {};
+  return found->second.group != nullptr ? found->second.group->feed.profile() : found->second.wanted;
 }
 
 Profile Stream::effective(const Profile& wanted) const {

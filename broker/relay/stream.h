@@ -218,6 +218,8 @@ class Stream {
   /// About how long a part of a frame of its sender takes to decode, by its bytes; the coefficients count for the last.
   double decoding_us(std::uint64_t bytes, bool last) const;
   control::StreamInfo info_for(const Watcher& watcher) const;
+  /// The same as a message: one for all of a profile, as a stream may have many watchers and long names.
+  std::shared_ptr<const std::string> info_text(const Watcher& watcher) const;
 
   const std::string& name() const { return name_; }
   std::uint32_t id() const { return share_->id; }
@@ -277,6 +279,7 @@ class Stream {
     std::shared_ptr<void> place;  ///< Among the stream's watchers.
   };
 
+  Profile profile_of(const Watcher& watcher) const;
   Profile effective(const Profile& wanted) const;
   Profile affordable(const Profile& wanted, const Watcher& watcher) const;
   void join_group(Watcher& watcher, Watched& watched);
@@ -297,6 +300,7 @@ class Stream {
   std::unordered_map<const Watcher*, Watched> watched_;
   std::map<Profile, std::unique_ptr<Group>> groups_;
   std::vector<Watcher*> order_;    ///< All watchers, in order of arrival.
+  mutable std::map<Profile, std::shared_ptr<const std::string>> info_texts_;  ///< Of present_.
   bool has_pending_ = false;       ///< In any group.
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "common/core/text.h"
 
@@ -52,14 +53,15 @@ void append_header(Opcode opcode, std::size_t size, Bytes& out) {
   append_header_to(opcode, size, out);
 }
 
-std::string framed(Opcode opcode, std::string_view payload) {
+std::shared_ptr<const std::string> framed(Opcode opcode, std::string_view payload) {
   std::string message;
   message.reserve(kMaxHeaderBytes + payload.size());
   append_header_to(opcode, payload.size(), message);
-  return message.append(payload);
+  message.append(payload);
+  return std::make_shared<const std::string>(std::move(message));
 }
 
-std::string framed_close(CloseCode code, std::string_view reason) {
+std::shared_ptr<const std::string> framed_close(CloseCode code, std::string_view reason) {
   if (code == CloseCode::kNone) return framed(Opcode::kClose, {});
   const auto number = static_cast<std::uint16_t>(code);
   std::string payload{static_cast<char>(number >> 8), static_cast<char>(number & 0xff)};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <string_view>
 
@@ -35,10 +36,11 @@ inline constexpr std::size_t kMaxControlBytes = 125;  ///< Payload of ping, pong
 
 void append_header(Opcode opcode, std::size_t size, Bytes& out);
 
-std::string framed(Opcode opcode, std::string_view payload);
+/// For all that get it.
+std::shared_ptr<const std::string> framed(Opcode opcode, std::string_view payload);
 
 /// A close frame. kNone: without a code. Truncates the reason between characters.
-std::string framed_close(CloseCode code, std::string_view reason);
+std::shared_ptr<const std::string> framed_close(CloseCode code, std::string_view reason);
 
 /// Whether `key` is a valid Sec-WebSocket-Key: 16 bytes in base64 (RFC 6455, 4.1).
 bool is_key(std::string_view key);

@@ -8,6 +8,7 @@
 #include <ctime>
 #include <list>
 
+#include "broker/websocket/protocol.h"
 #include "tests/unit/broker/relay/stream_scene.h"
 
 namespace eigencast::broker {
@@ -34,6 +35,28 @@ TEST_F(StreamTest, StalledStreamHoldsLastPose) {
   EXPECT_EQ(late.infos.back().state, State::kStalled);
   late.decode(*stream_.join_for(late));
   EXPECT_EQ(late.poses.back().key, key_number(2));
+}
+
+TEST_F(StreamTest, AnnouncementsAreWrittenOnceForAllViewersOfAProfile) {
+  FakeReceiver first, second, other;
+  begin();
+  const auto text_of = [&](const FakeReceiver& receiver) {
+    const auto text = stream_.info_text(receiver);
+    EXPECT_EQ(text, stream_.info_text(receiver));
+    EXPECT_EQ(*text, *websocket::framed(websocket::Opcode::kText, text_from_control(stream_.info_for(receiver))));
+    return text;
+  };
+  for (FakeReceiver* receiver : {&first, &second}) ASSERT_TRUE(stream_.watch(*receiver, kRaw));
+  ASSERT_TRUE(stream_.watch(other, kLinear));
+  const auto live = text_of(first);
+  EXPECT_EQ(text_of(second), live);
+  EXPECT_NE(text_of(other), live);
+  ASSERT_TRUE(stream_.watch(second, kLinear));
+  EXPECT_EQ(text_of(second), text_of(other)) << "it changed its profile";
+  stream_.release(sender_);
+  EXPECT_NE(*text_of(first), *live) << "stalled";
+  begin();
+  EXPECT_NE(*text_of(first), *live) << "another epoch";
 }
 
 TEST_F(StreamTest, EstimatesOfWorkFollowCoefficientsAndBytes) {

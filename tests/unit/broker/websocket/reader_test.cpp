@@ -292,7 +292,7 @@ TEST(MessageReaderTest, CloseFramesCarryTheirCode) {
 
 TEST(ProtocolTest, FramedMessagesRoundTrip) {
   for (const std::size_t size : {0, 125, 126, 65'535, 65'536}) {
-    std::string wire = framed(Opcode::kBinary, std::string(size, 'x'));
+    std::string wire = *framed(Opcode::kBinary, std::string(size, 'x'));
     // A client masks; with the mask of zeros the rest stays as it is.
     const std::size_t head = size < 126 ? 2 : size < 65'536 ? 4 : 10;
     wire[1] = static_cast<char>(wire[1] | 0x80);
@@ -304,8 +304,8 @@ TEST(ProtocolTest, FramedMessagesRoundTrip) {
 TEST(ProtocolTest, CloseReasonIsCutBetweenCharacters) {
   std::string reason(122, 'a');
   reason += "\xce\xba";
-  EXPECT_EQ(framed_close(CloseCode::kPolicy, reason).size(), 2u + 2 + 122);
-  EXPECT_EQ(framed_close(CloseCode::kNone, "x").size(), 2u);
+  EXPECT_EQ(framed_close(CloseCode::kPolicy, reason)->size(), 2u + 2 + 122);
+  EXPECT_EQ(framed_close(CloseCode::kNone, "x")->size(), 2u);
 }
 
 TEST(UpgradeTest, AcceptKeyMatchesTheStandard) {
