@@ -81,8 +81,8 @@ bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
          listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && profile_keys.is_idle(now_us) &&
-         http_work.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
-         failures.is_idle(now_us) && announcements.is_idle(now_us);
+         deliveries.is_idle(now_us) && http_work.is_idle(now_us) && upload_bytes.is_idle(now_us) &&
+         download_bytes.is_idle(now_us) && failures.is_idle(now_us) && announcements.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -281,6 +281,10 @@ bool Grant::charge_poses(double work_us, TimeUs now_us) {
 bool Grant::take_profile_key(double work_us, TimeUs now_us) {
   constexpr TimeUs kMaxAheadUs = 1'000'000;  // Keys come in bursts, and what is left out is not sent again.
   return take_loop_time(&Account::profile_keys, work_us, now_us, kMaxAheadUs).has_value();
+}
+
+TimeUs Grant::charge_deliveries(double work_us, TimeUs now_us) {
+  return is_spared() ? 0 : *take_loop_time(&Account::deliveries, work_us, now_us, kForeverUs);
 }
 
 std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {

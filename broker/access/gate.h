@@ -61,6 +61,7 @@ struct Account {
   RateLimiter work;
   RateLimiter poses;
   RateLimiter profile_keys;
+  RateLimiter deliveries;
   RateLimiter http_work;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
@@ -139,6 +140,8 @@ class Grant {
   bool charge_poses(double work_us, TimeUs now_us);
   /// The same for keys in the profiles that it watches. False: it was not taken, the key has to be left out.
   bool take_profile_key(double work_us, TimeUs now_us);
+  /// The same for frames that were written to it, apart: how long no more should be. This machine's have no limit.
+  TimeUs charge_deliveries(double work_us, TimeUs now_us);
   const void* purse() const { return site_.get(); }  ///< The same for all who share these budgets.
   bool is_proxy() const { return policy_->is_trusted_proxy(identity_.client.address); }
   /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted

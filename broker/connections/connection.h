@@ -139,6 +139,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   const Frame* alone_ = nullptr;  ///< The last written past write_queue_; valid in sent().
   std::uint64_t frames_sent_ = 0;
   std::uint64_t bytes_sent_ = 0;
+  std::uint64_t frames_paid_ = 0;  ///< Of those sent.
   Transport transport_;
   ReaderWatch watch_;
   std::vector<Outbox::Item> write_queue_;  ///< Written next, in order.

@@ -84,6 +84,8 @@ class Outbox {
 
   /// Frames wait from then on; ReaderWatch::kNever: they do not. Ignored for clients that acknowledge.
   void hold_from(TimeUs when_us) { hold_from_us_ = acknowledges_ ? ReaderWatch::kNever : when_us; }
+  /// Frames of all clients wait until then.
+  void hold_until(TimeUs when_us) { hold_until_us_ = when_us; }
 
   /// Frames dropped since the last call, per lane; lanes without any are left out.
   std::vector<Dropped> take_dropped();
@@ -131,7 +133,7 @@ class Outbox {
     return lane.newest && (frame.builds_on < *lane.newest || step_is_past);
   }
   bool window_closed(const Lane& lane, TimeUs now_us) const {
-    return now_us >= hold_from_us_ || (acknowledges_ && in_flight_too_long(lane, now_us));
+    return now_us >= hold_from_us_ || now_us < hold_until_us_ || (acknowledges_ && in_flight_too_long(lane, now_us));
   }
   bool in_flight_too_long(const Lane& lane, TimeUs now_us) const;
   FramePtr next_of(Lane& lane, const JoinSource& join_of);
@@ -145,6 +147,7 @@ class Outbox {
   std::vector<Lane> lanes_;
   std::vector<Text> control_;  ///< Oldest first.
   TimeUs hold_from_us_ = ReaderWatch::kNever;
+  TimeUs hold_until_us_ = 0;
   bool acknowledges_ = false;
   Limits limits_;
   Text late_pong_;

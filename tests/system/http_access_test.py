@@ -650,6 +650,39 @@ class HttpAccess(unittest.TestCase):
         self.assertGreater(taken, 0)
         self.assertLess(taken, 2000, "of 4,500, by one token over three connections")
 
+    def test_deliveries_are_paced_by_their_number(self):
+        data, _ = self.start(f"--access-jwt-secret={SECRET}", "--access-anonymous=nowhere", "--per-token-work-us-per-s=2000")
+        body, name = payloads.asset()
+        bearer = {"Authorization": f"Bearer {token('camera')}"}
+        self.assertEqual(ask(data, "PUT", f"/v1/assets/{name}", body, headers=bearer)[0], 201)
+        sender = connect(data, "/v1/publish/a", "camera")
+        self.addCleanup(sender.sock.close)
+        order(sender, "announce", asset=name, key_rate_hz=50,
+              format={"rows": 16, "channels": 3, "band_ends": [16], "codec": "quantised"})
+        chain, tag, lost = payloads.Chain(), hear(sender, "announced")["tag"], {"greedy": 0, "other": 0}
+        pose = lambda kind, i: chain.write(kind, 1, i, 1_000_000 + 1000 * i, tag)
+
+        def read(viewer, who):
+            with contextlib.suppress(EOFError, OSError):
+                while True:
+                    opcode, payload = viewer.receive()
+                    if opcode == TEXT:
+                        lost[who] += json.loads(payload).get("frames_dropped", 0)
+
+        for who in 40 * ["greedy"] + ["other"]:
+            viewer = connect(data, "/v1/subscribe/a?rate=raw", who)
+            self.addCleanup(viewer.sock.close)
+            hear(viewer, "stream")
+            threading.Thread(target=read, args=(viewer, who), daemon=True).start()
+        sender.send(frame(BINARY, pose(payloads.JOIN, 0) + bytes([2, 160, 160, 1, 2, 0x9F, 0x9F])))
+        for i in range(1, 30_000):
+            sender.send(frame(BINARY, pose(payloads.KEY, i) + bytes([3, 1, 0xBF])))
+            if lost["greedy"] > 0:
+                break
+            time.sleep(0.001)
+        self.assertGreater(lost["greedy"], 0, "20,000 of 0.5 us a second, four times what one may")
+        self.assertEqual(lost["other"], 0)
+
     def test_control_messages_are_paced_by_their_bytes(self):
         data, admin = self.start_with_asset("--per-token-work-us-per-s=1000")
         self.other = connect(data, "/v1/subscribe", "other")

@@ -690,6 +690,22 @@ TEST_F(GateTest, PosesHaveABudgetOfTheirOwn) {
   EXPECT_TRUE(let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})))->charge_poses(0, kSecond));
 }
 
+TEST_F(GateTest, DeliveriesHaveABudgetOfTheirOwn) {
+  config_.per_token.work_us_per_s = 1'000'000;
+  const auto request = request_from("1.1.1.1", token_for("a", {"**"}, {}));
+  const auto grant = let_in(request);
+  EXPECT_EQ(grant->charge_deliveries(20'000, kSecond), 0) << "at once";
+  (void)grant->charge_deliveries(3e6, kSecond);
+  EXPECT_EQ(grant->charge_deliveries(0, kSecond), 3'000'000) << "they were written, and counted";
+  EXPECT_EQ(let_in(request)->charge_deliveries(0, 2 * kSecond), 2'000'000) << "of another connection, too";
+  EXPECT_EQ(grant->charge_deliveries(0, 5 * kSecond), 0);
+  EXPECT_EQ(grant->take_work(20'000, kSecond, 0), 0) << "no message waits for them";
+  EXPECT_EQ(let_in(request_from("1.1.1.1", token_for("b", {"**"}, {})))->charge_deliveries(1, kSecond), 0);
+  const auto here = let_in(request_from("127.0.0.1"));
+  EXPECT_EQ(here->charge_deliveries(1e9, kSecond), 0);
+  EXPECT_EQ(here->charge_deliveries(1e9, kSecond), 0) << "this machine's have no limit";
+}
+
 TEST_F(GateTest, OneHolderLeavesUploadsToOthers) {
   config_.access.anonymous = "anywhere";
   const auto hog = let_in(request_from("1.1.1.1")), other = let_in(request_from("1.1.1.2"));

@@ -338,6 +338,21 @@ TEST_F(OutboxTest, HeldReceiverGetsJoinAfterHold) {
   EXPECT_EQ(take(), 30) << "acknowledging opens a window";
 }
 
+TEST_F(OutboxTest, FramesWaitUntilTheyArePaidFor) {
+  join_at(1);
+  EXPECT_EQ(take(), -1);
+  outbox_.acknowledge({1, 1, 0}, now_);
+  outbox_.hold_until(500);
+  offer_key(2);
+  offer_key(3);
+  EXPECT_EQ(take(), std::nullopt) << "acknowledged or not";
+  EXPECT_FALSE(outbox_.send_directly(1, *frame(FrameKind::kKey, 2), now_));
+  ASSERT_TRUE(outbox_.push_control(text("control")));
+  EXPECT_TRUE(outbox_.take(now_, [](std::uint32_t) { return nullptr; })->text);
+  now_ = 500;
+  EXPECT_EQ(take(), -3) << "the newest, by a join";
+}
+
 TEST_F(OutboxTest, OnlyTheLatestPongIsSent) {
   while (outbox_.push_droppable(text("control"))) {
   }
