@@ -315,9 +315,11 @@ void Backbone::on_announced(const Stream& stream) {
   own_[stream.name()] = {std::move(entry), stream.layout(), frames, nullptr, {}};
 }
 
-void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
+/// The other brokers have no memory: they get keys that need none.
+void Backbone::on_key(const Stream& stream, const KeyRecordPtr&) {
   const auto found = own_.find(stream.name());
   if (found == own_.end()) return;
+  const KeyRecordPtr& record = stream.plain();
   found->second.newest = record;
   found->second.join.clear();
   if (!connected_) return;

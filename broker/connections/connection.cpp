@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <ctime>
 #include <memory_resource>
 #include <utility>
@@ -44,14 +45,17 @@ double json_us(std::uint64_t bytes) {
 
 /// What it takes beyond its reading; an acknowledgement nothing.
 double work_us_of(const ControlMessage& message) {
-  if (std::holds_alternative<control::Announce>(message)) return 100;
+  if (std::holds_alternative<control::Announce>(message) || std::holds_alternative<control::Remember>(message))
+    return 100;
   if (std::holds_alternative<control::Subscribe>(message)) return 45;
   return std::holds_alternative<control::Ack>(message) ? 0 : kAnswerUs;
 }
 
 /// What it makes the loop do, in messages of the cheapest kind, which take about a microsecond.
 int weight_of(const ControlMessage& message) {
-  if (std::holds_alternative<control::Announce>(message)) return 100;  // Every viewer is told, every chain begins anew.
+  // Every viewer is told, every chain begins anew.
+  if (std::holds_alternative<control::Announce>(message) || std::holds_alternative<control::Remember>(message))
+    return 100;
   return std::holds_alternative<control::Subscribe>(message) ? 20 : 1;
 }
 
@@ -208,6 +212,17 @@ double Connection::binary_work_us(std::uint64_t bytes, bool /*last*/) const {
 
 void Connection::charge(double work_us) {
   (void)grant_->take_work(work_us, context_.turn.now_us(), kForeverUs);
+}
+
+void Connection::on_disk(std::function<void()> work, std::function<void()> then) {
+  asio::post(context_.disk, [self = shared_from_this(), guard = asio::make_work_guard(context_.loop),
+                             work = std::move(work), then = std::move(then)]() mutable {
+    work();
+    work = nullptr;
+    asio::io_context& loop = self->context_.loop;
+    // The connection must not be destroyed on the disk's thread.
+    asio::post(loop, [self = std::move(self), then = std::move(then)] { self->guarded(then); });
+  });
 }
 
 TimeUs Connection::take_control(double messages) {

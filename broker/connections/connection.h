@@ -2,6 +2,7 @@
 #pragma once
 
 #include <exception>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -80,6 +81,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
   /// Closes once all control messages are written, at the latest after timeouts.shutdown_ms.
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
+  /// Runs `work`, which may block and throws nothing, on the disk's threads, then `then` on the loop.
+  void on_disk(std::function<void()> work, std::function<void()> then);
   /// Takes work that is done from the budget of the holder: what comes next may wait for it.
   void charge(double work_us);
 

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "broker/connections/publisher.h"
 
+#include <exception>
 #include <utility>
 
 #include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
+#include "common/wire/limits.h"
 
 namespace eigencast::broker {
 namespace {
@@ -14,6 +16,28 @@ namespace {
 /// A sender asks whether its surface is here before it announces it.
 constexpr TimeUs kContestUs = 3'000'000;
 constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
+
+/// Reads what is not here yet. Blocks on the disk. Errors: kNotFound, kTooLarge, kIo, those of decode_segment.
+Result<void> load(const AssetStore& assets, const CoefficientLayout& layout, const AssetDigest& asset,
+                  std::vector<Generation::Segment>& segments) {
+  std::uint64_t poses = 0;
+  for (Generation::Segment& segment : segments) {
+    if (!segment.poses) {
+      const Sha256 id = *Sha256::from_hex(segment.id);  // The parser has checked it.
+      const auto object = assets.read(id);
+      if (!object) return object.error();
+      if (object->size > PoseMemory::kMaxBytes)
+        return fail(ErrorCode::kTooLarge, "segment " + segment.id + " is over 8 MiB");
+      const auto bytes = assets.bytes_of(id);
+      if (!bytes) return bytes.error();
+      auto decoded = decode_segment(layout, asset, *bytes);
+      if (!decoded) return decoded.error();
+      segment.poses = *std::move(decoded);
+    }
+    if (auto fits = PoseMemory::check_size(layout, poses += segment.poses->poses); !fits) return fits;
+  }
+  return {};
+}
 
 }  // namespace
 
@@ -73,10 +97,7 @@ void Publisher::on_message(const ControlMessage& message) {
     if (stream_ != nullptr) stream_->relay_trace(*trace);
     return;
   }
-  if (const auto* memory = std::get_if<control::Remember>(&message)) {
-    return send(control::Remembered{name_, memory->generation, std::string(name_of(ErrorCode::kUnsupported)),
-                                    "this broker keeps no memory"});
-  }
+  if (const auto* memory = std::get_if<control::Remember>(&message)) return on_remember(*memory);
   send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, remember, trace, ping and pong"), name_);
 }
 
@@ -137,6 +158,71 @@ void Publisher::begin(const control::Announce& announce, const std::string& secr
   request_trace();
 }
 
+void Publisher::answer_memory(std::uint32_t generation, const Result<void>& held) {
+  if (held) return send(control::Remembered{name_, generation});
+  log(context().log, LogLevel::kWarning, name() + ": memory refused, " + held.error().message);
+  ++context().counters.memories_refused;
+  send(control::Remembered{name_, generation, std::string(name_of(held.error().code)), held.error().message});
+}
+
+void Publisher::on_remember(const control::Remember& memory) {
+  if (stream_ == nullptr || stream_->resume().empty()) return;  // It has not announced.
+  const auto refuse_memory = [&](ErrorCode code, std::string why) {
+    answer_memory(memory.generation, fail(code, std::move(why)));
+  };
+  if (!context().config.memory.enabled)
+    return refuse_memory(ErrorCode::kUnsupported, "this broker keeps no memory (memory.enabled)");
+  const CoefficientLayout& layout = stream_->layout();
+  if (layout.is_float()) return refuse_memory(ErrorCode::kUnsupported, "a float codec has no memory");
+  if (loading_ == stream_->epoch()) return refuse_memory(ErrorCode::kRefused, "the one before is being read");
+  const GenerationPtr held = stream_->memory();
+  const std::size_t count = held ? held->segments.size() : 0;
+  if (memory.kept > count || memory.kept + memory.segments.size() > limits::kMaxMemorySegments)
+    return refuse_memory(ErrorCode::kInvalidArgument, "it keeps segments that are not here, or has too many");
+  // Each viewer is told, and maybe begins anew.
+  charge(kBeginAnewUs * stream_->watchers());
+  if (memory.kept < count) {
+    stream_->set_memory(nullptr);
+    context().hub.mark_dirty(*stream_);
+  }
+  std::vector<Generation::Segment> segments;
+  if (held) segments.assign(held->segments.begin(), held->segments.begin() + memory.kept);
+  for (const std::string& id : memory.segments) segments.push_back({id, nullptr, 0});
+  if (segments.empty()) return answer_memory(memory.generation, {});
+  loading_ = stream_->epoch();
+  struct Loading {
+    std::vector<Generation::Segment> segments;
+    Result<void> done;
+  };
+  const auto loading = std::make_shared<Loading>(Loading{std::move(segments), {}});
+  const AssetDigest asset = Sha256::from_hex(stream_->asset())->digest;
+  on_disk(
+      [loading, &assets = context().assets, layout, asset] {
+        try {
+          loading->done = load(assets, layout, asset, loading->segments);
+        } catch (const std::exception& exception) {
+          loading->done = fail(ErrorCode::kInternal, exception.what());
+        }
+      },
+      [this, loading, generation = memory.generation, epoch = loading_] {
+        remember(generation, epoch, std::move(loading->segments), loading->done);
+      });
+}
+
+void Publisher::remember(std::uint32_t generation, std::uint32_t epoch, std::vector<Generation::Segment> segments,
+                         const Result<void>& loaded) {
+  if (loading_ == epoch) loading_ = 0;
+  if (stream_ == nullptr || stream_->epoch() != epoch) return;
+  double poses = 0;
+  for (const auto& segment : segments) poses += segment.since == 0 && segment.poses ? segment.poses->poses : 0;
+  charge(poses * stream_->decoding_us(stream_->layout().size() / 4, true));
+  if (!loaded) return answer_memory(generation, loaded);
+  const auto held = context().hub.remember(*stream_, std::move(segments));
+  if (held) ++context().counters.memories;
+  answer_memory(generation, held);
+  context().hub.mark_dirty(*stream_);
+}
+
 void Publisher::on_binary(ByteView message) {
   if (stream_ == nullptr) return;
   if (auto added = stream_->take_frame(message, context().turn.now_us()); !added) {
@@ -145,6 +231,7 @@ void Publisher::on_binary(ByteView message) {
     return refuse(added.error(), name_, websocket::CloseCode::kPolicy);
   }
   ++context().counters.frames_received;
+  if (stream_->snapshot().newest->generation != 0) ++context().counters.keys_recalled;
   context().hub.mark_dirty(*stream_);
 }
 

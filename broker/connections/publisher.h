@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "broker/connections/connection.h"
 #include "broker/relay/stream.h"
@@ -30,6 +31,11 @@ class Publisher final : public Connection, public PublisherLink {
   std::string stream_name() const override { return name_; }
   Result<void> claim(Stream& stream, bool replace);
   void on_announce(control::Announce announce);
+  void on_remember(const control::Remember& memory);
+  /// `epoch`: of the stream when it was asked for.
+  void remember(std::uint32_t generation, std::uint32_t epoch, std::vector<Generation::Segment> segments,
+                const Result<void>& loaded);
+  void answer_memory(std::uint32_t generation, const Result<void>& held);
   /// REQUIRES: no stream yet. False: refused.
   bool claim_contested(const std::string& shown);
   void begin(const control::Announce& announce, const std::string& secret, const std::string& proof,
@@ -45,6 +51,7 @@ class Publisher final : public Connection, public PublisherLink {
   std::uint32_t watchers_ = 0;
   std::optional<std::uint32_t> reported_;
   std::uint32_t requested_trace_ = 0;
+  std::uint32_t loading_ = 0;  ///< The epoch of the memory that is being read; 0: none.
 };
 
 }  // namespace eigencast::broker

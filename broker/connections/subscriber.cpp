@@ -90,7 +90,11 @@ void Subscriber::unsubscribe(const control::Unsubscribe& request) {
 }
 
 void Subscriber::acknowledge(const control::Ack& ack) {
-  for (const auto& item : ack.items) outbox().acknowledge(item, steady_now_us());
+  for (const auto& item : ack.items) {
+    outbox().acknowledge(item, steady_now_us());
+    const auto found = streams_.find(item.stream_id);
+    if (item.generation != 0 && found != streams_.end()) found->second.stream->note_held(*this, item.generation);
+  }
 }
 
 bool Subscriber::charge_poses(double work_us) {
@@ -104,6 +108,19 @@ bool Subscriber::take_key(double work_us) {
 void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
   if (restart) outbox().open_lane(stream.id());
   send(stream.info_text(*this));
+  on_memory(stream);
+}
+
+void Subscriber::on_memory(const Stream& stream) {
+  const auto found = streams_.find(stream.id());
+  const Generation* memory = stream.memory().get();
+  if (found == streams_.end() || memory == nullptr || found->second.told == memory->number) return;
+  send(stream.memory_text(memory->told_with(std::exchange(found->second.told, memory->number))));
+}
+
+void Subscriber::on_restart(const Stream& stream) {
+  outbox().open_lane(stream.id());
+  schedule_write();
 }
 
 void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {

@@ -22,6 +22,8 @@ class Subscriber final : public Watcher, public Connection {
   bool take_key(double work_us) override;
   const void* purse() const override { return grant().purse(); }
   void on_stream_changed(const Stream& stream, bool restart) override;
+  void on_memory(const Stream& stream) override;
+  void on_restart(const Stream& stream) override;
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override { send_droppable(text); }
   void describe(ClientInfo& info) const override;
@@ -46,6 +48,7 @@ class Subscriber final : public Watcher, public Connection {
   struct Watched {
     Stream* stream;
     Ladder ladder;
+    std::uint32_t told = 0;  ///< The generation of its memory that the viewer was told of.
   };
   std::map<std::uint32_t, Watched> streams_;  ///< For few streams a tree takes less memory than a hash table.
   std::uint64_t joins_counted_ = 0;

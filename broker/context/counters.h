@@ -48,6 +48,9 @@ struct EventCounts {
   std::uint64_t reloads = 0;
   std::uint64_t reloads_failed = 0;
   std::uint64_t senders_replaced = 0;
+  std::uint64_t memories = 0;
+  std::uint64_t memories_refused = 0;
+  std::uint64_t keys_recalled = 0;
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;
   std::uint64_t uploads_now = 0;

@@ -58,8 +58,9 @@ class Download : public std::enable_shared_from_this<Download> {
     const std::string etag = "\"" + id.hex() + "\"";
     // Shared caches must not serve restricted assets.
     const std::string scope = context_.gate.policy()->serves_everybody() ? "public" : "private";
-    HttpHeaders headers = {
-        {"ETag", etag}, {"Cache-Control", scope + ", max-age=31536000, immutable"}, {"Accept-Ranges", "bytes"}};
+    HttpHeaders headers = {{"ETag", etag},
+                           {"Cache-Control", object.is_segment ? "no-store" : scope + ", max-age=31536000, immutable"},
+                           {"Accept-Ranges", "bytes"}};
     if (etag_matches(connection_->header("If-None-Match"), etag)) {
       return connection_->answer(HttpStatus::kNotModified, {}, std::move(headers));
     }

@@ -18,6 +18,8 @@ void append_json(const Stream& stream, std::string& out) {
   out.append(R"(,"asset":")").append(stream.asset());
   out.append(R"(","key_rate_hz":)").append(rate.data(), end);
   out.append(R"(,"keys_received":)").append(std::to_string(stream.keys_received()));
+  if (const Generation* memory = stream.memory().get())
+    out.append(R"(,"memory_poses":)").append(std::to_string(memory->poses.pose_count()));
   out.append(R"(,"subscribers":)").append(std::to_string(stream.watchers())).append("}");
 }
 

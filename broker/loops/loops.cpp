@@ -26,6 +26,7 @@ Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, s
                      .taps = std::move(taps),
                      .max_ahead_us = config.frames.max_ahead_ms * 1000,
                      .max_bytes = config.limits.max_stream_bytes,
+                     .max_memory_bytes = config.memory.max_bytes,
                      .memory = std::move(memory)},
           .ids = std::move(ids),
           .on_opened = std::move(on_opened)};

@@ -134,6 +134,10 @@ class BrokerMetrics {
     const Counters& counters = statistics_.counters;
     counter("frames_received_total", "Frames taken from senders.", counters.frames_received);
     counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
+    gauge("memory_bytes", "Poses that streams remember.", context_.hub.memory_bytes());
+    counter("memories_total", "Memories taken from senders, appended ones included.", counters.memories);
+    counter("memories_refused_total", "Memories refused.", counters.memories_refused);
+    counter("keys_recalled_total", "Frames taken that a memory predicts.", counters.keys_recalled);
     counter("frames_sent_total", "Frames sent to viewers.", counters.frames_sent);
     counter("frame_bytes_sent_total", "Bytes of those frames.", counters.frame_bytes_sent);
     counter("frames_dropped_total", "Frames replaced by newer ones before they left.", counters.frames_dropped);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cassert>
 
+#include "common/codec/recaller.h"
 #include "common/motion/curve.h"
 
 namespace eigencast::broker {
@@ -16,10 +17,11 @@ constexpr std::size_t kMaxPendingKeys = 5;
 // a join of 32,768 coefficients that change by nothing.
 constexpr double kEncodedPerUs = 170, kEncodedBytesPerUs = 5;
 
-Bytes frame_without_id(const KeyRecord& record, bool join, BandMask bands, ByteView payload, Bytes out) {
+Bytes frame_without_id(const KeyRecord& record, bool join, bool recalled, BandMask bands, ByteView payload, Bytes out) {
   const ChainClock before = record.clock_before();
   out.reserve(out.size() + Envelope::kMaxBytes + payload.size());
   append_envelope({.kind = join ? FrameKind::kJoin : FrameKind::kKey,
+                   .flags = recalled ? Envelope::kRecalled : std::uint8_t{0},
                    .bands = bands,
                    .step = {},
                    .sequence = record.sequence,
@@ -73,13 +75,40 @@ ChainClock KeyRecord::clock_before() const {
 }
 
 Bytes KeyRecord::frame(Bytes head) const {
-  return frame_without_id(*this, join, bands, payload, std::move(head));
+  return frame_without_id(*this, join, generation != 0, bands, payload, std::move(head));
 }
 
 Result<Bytes> KeyRecord::join_frame(const CoefficientLayout& layout, Bytes head) const {
   const auto state = encode_join(layout, *after);
   if (!state) return state.error();
-  return frame_without_id(*this, true, after->newer.bands, *state, std::move(head));
+  return frame_without_id(*this, true, after->phase.has_value(), after->newer.bands, *state, std::move(head));
+}
+
+KeyRecordPtr plain_record(const CoefficientLayout& layout, const KeyRecord& record, const KeyRecord* before) {
+  KeyRecord plain{.sequence = record.sequence,
+                  .capture_us = record.capture_us,
+                  .arrival_us = record.arrival_us,
+                  .bands = record.after->newer.bands,
+                  .half_spacing = record.half_spacing,
+                  .before = before != nullptr ? before->after : nullptr,
+                  .after = {},
+                  .payload = {}};
+  // Finer than the sender's, so that the error of both is little more than the sender's.
+  const std::uint8_t half_spacing = remembered_half_spacing(record.half_spacing);
+  if (auto coded = before != nullptr ? encode_key(layout, *before->after, record.after->newer, half_spacing)
+                                     : Result<CodedKey>(Error{})) {
+    plain.payload = std::move(coded->payload);
+    plain.after = std::make_shared<const ChainState>(
+        ChainState{before->after->newer, std::move(coded->key), record.after->age_us});
+  } else {
+    ChainState state = *record.after;
+    state.phase.reset();
+    plain.before.reset();
+    plain.join = true;
+    if (auto join = encode_join(layout, state)) plain.payload = *std::move(join);  // It fits: it was decoded.
+    plain.after = std::make_shared<const ChainState>(std::move(state));
+  }
+  return std::make_shared<const KeyRecord>(std::move(plain));
 }
 
 Feed::Feed(const Profile& profile, const Source& source, Payer payer)
@@ -176,14 +205,16 @@ KeyRecordPtr Feed::take_pending() {
 void Feed::emit_key(KeyRecordPtr record, std::optional<InterpolationStep> ahead, std::vector<FramePtr>& out) {
   Envelope head = envelope(record->join ? FrameKind::kJoin : FrameKind::kKey, *record);
   head.bands = record->bands & mask_;
-  head.flags = ahead ? Envelope::kAhead : std::uint8_t{0};
+  const bool recalled = record->generation != 0;
+  head.flags = static_cast<std::uint8_t>((ahead ? Envelope::kAhead : 0) | (recalled ? Envelope::kRecalled : 0));
   head.step = ahead.value_or(InterpolationStep{});
   steps_pending_ = ahead.has_value();
   const ChainClock newest = record->clock_before();
   if (head.bands == record->bands) {
     out.push_back(make_frame(head, &newest, record->payload));
     out.back()->times.arrival_us = record->arrival_us;
-  } else if (const auto cut = cut_bands(source_.layout, record->join, record->bands, mask_, record->payload)) {
+  } else if (const auto cut =
+                 cut_bands(source_.layout, record->join, record->bands, mask_, record->payload, recalled)) {
     out.push_back(make_frame(head, &newest, *cut));
   } else {
     ++failed_poses_;  // Receivers miss this key and get a join next.
@@ -238,15 +269,17 @@ Result<Key> Feed::pose_on_curve(const KeyRecord& record, const KeyRecord* next, 
 
 FramePtr Feed::join() {
   if (!last_emitted_) return nullptr;
+  const ChainState& state = *last_emitted_->after;
   Envelope head = envelope(FrameKind::kJoin, *last_emitted_);
-  head.flags = steps_pending_ ? Envelope::kAhead : std::uint8_t{0};
+  head.flags =
+      static_cast<std::uint8_t>((steps_pending_ ? Envelope::kAhead : 0) | (state.phase ? Envelope::kRecalled : 0));
   head.step = steps_pending_ ? shown_ : InterpolationStep{};
   if (join_ && join_->envelope.flags == head.flags && join_->envelope.step == head.step) return join_;
-  const ChainState& state = *last_emitted_->after;
   const BandMask bands = state.newer.bands;
   if (join_payload_.empty()) {
     auto payload = encode_join(source_.layout, state);
-    if (payload && !mask_.includes(bands)) payload = cut_bands(source_.layout, true, bands, mask_, *payload);
+    if (payload && !mask_.includes(bands))
+      payload = cut_bands(source_.layout, true, bands, mask_, *payload, state.phase.has_value());
     if (!payload) {
       ++failed_poses_;
       return nullptr;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "broker/relay/frame.h"
+#include "broker/relay/generation.h"
 #include "common/codec/chain.h"
 #include "common/codec/key.h"
 #include "common/core/result.h"
@@ -30,6 +31,7 @@ struct KeyRecord {
   BandMask bands;                            ///< Those in `payload`.
   bool join = false;                         ///< `payload` is that of a join frame.
   std::uint8_t half_spacing = 0;             ///< The sender's latest (see encode_key); 0 before its first key.
+  std::uint32_t generation = 0;              ///< Of the memory that `payload` needs; 0: none.
   std::shared_ptr<const ChainState> before;  ///< Null where the chain restarts: receivers need a join.
   std::shared_ptr<const ChainState> after;
   Bytes payload;  ///< As it came.
@@ -42,6 +44,10 @@ struct KeyRecord {
   Result<Bytes> join_frame(const CoefficientLayout& layout, Bytes head = {}) const;
 };
 using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
+
+/// The record for those who do not have its memory: coded anew, to follow `before`, which was made likewise; null: as
+/// the first of a chain.
+KeyRecordPtr plain_record(const CoefficientLayout& layout, const KeyRecord& record, const KeyRecord* before);
 
 /// Bytes of its values.
 std::size_t memory_of(const ChainState& state);

@@ -8,6 +8,8 @@
 namespace eigencast::broker {
 namespace {
 
+constexpr std::int64_t kSegmentBytes = 1024;  ///< Of a segment without poses.
+
 bool is_idle(const Stream& stream) {
   return !stream.has_publisher() && stream.watchers_here() == 0 && !stream.is_mirrored();
 }
@@ -65,6 +67,36 @@ Result<void> Hub::hold_keys(Stream& stream, const StreamHolder& holder, const St
   return fail(ErrorCode::kTooLarge, "its keys take up to " + std::to_string(bytes) + " bytes, and of the " +
                                         std::to_string(max) + " that limits.max_stream_bytes allows too few are free " +
                                         "for one that holds more: send fewer streams or coefficients, or raise it");
+}
+
+Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segments) {
+  const Generation* before = stream.memory().get();
+  const std::uint32_t number = ++stream.share()->generations;
+  Generation next{number, before != nullptr ? before->root : number,
+                  before != nullptr ? before->poses : PoseMemory(stream.layout()), std::move(segments)};
+  const auto bytes_of = [&](const Generation::Segment& segment) {
+    return kSegmentBytes + static_cast<std::int64_t>(segment.poses->values.size() * sizeof(std::int32_t));
+  };
+  Shares& poses = settings_.stream.memory->poses;
+  const std::string& payer = stream.keys_.payer;
+  const auto added = std::span(next.segments).subspan(before != nullptr ? before->segments.size() : 0);
+  std::int64_t bytes = 0;
+  for (const auto& segment : added) bytes += bytes_of(segment);
+  if (!poses.fits(payer, bytes, settings_.stream.max_memory_bytes)) {
+    return fail(ErrorCode::kTooLarge, "its poses take " + std::to_string(bytes) + " bytes, and of the " +
+                                          std::to_string(settings_.stream.max_memory_bytes) +
+                                          " that memory.max_bytes allows too few are free for one that holds more");
+  }
+  for (auto& segment : added) {
+    segment.since = number;
+    segment.poses = {segment.poses.get(),
+                     [held = segment.poses, charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
+    auto grown = next.poses.with(segment.poses);
+    if (!grown) return grown.error();
+    next.poses = *std::move(grown);
+  }
+  stream.set_memory(std::make_shared<const Generation>(std::move(next)));
+  return {};
 }
 
 void Hub::discharge(Stream& stream) {

@@ -36,6 +36,10 @@ class Hub {
   Result<void> admit(Stream& stream, const StreamHolder& holder, const StreamFormat& format, const Charge& charge);
   /// The same for memory alone: call before a sender of another broker announces. Errors: kTooLarge (max_bytes).
   Result<void> hold_keys(Stream& stream, const StreamHolder& holder, const StreamFormat& format);
+  /// A sender's memory, read from its segments, becomes the stream's: continues the present one if there is one, whose
+  /// segments then come first. Its poses are charged to who pays for its keys. Errors: kTooLarge (max_memory_bytes;
+  /// PoseMemory).
+  Result<void> remember(Stream& stream, std::vector<Generation::Segment> segments);
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`. May destroy the stream.
   void unwatched(Stream& stream);
@@ -53,6 +57,7 @@ class Hub {
   /// Sorted by name, those after a name only; valid until the next open() or unwatched().
   std::vector<const Stream*> streams(std::string_view after = {}) const;
   std::size_t size() const { return streams_.size(); }
+  std::int64_t memory_bytes() const { return settings_.stream.memory->poses.used(); }  ///< Of all loops' streams.
 
  private:
   void schedule(Stream& stream);

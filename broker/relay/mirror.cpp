@@ -76,6 +76,10 @@ void MirrorOrigin::on_trace(const Stream& stream, const control::Trace& trace) {
   broadcast(stream, {stream.share(), std::make_shared<const control::Trace>(trace)});
 }
 
+void MirrorOrigin::on_memory(const Stream& stream) {
+  if (!followed_.empty()) broadcast(stream, {stream.share(), stream.memory()});
+}
+
 void MirrorOrigin::broadcast(const Stream& stream, const MirrorEvent& event) {
   const auto found = followed_.find(stream.name());
   if (found == followed_.end()) return;
@@ -188,6 +192,8 @@ void MirrorSet::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
       continue;
     } else if (const auto* record = std::get_if<KeyRecordPtr>(&event.what)) {
       stream.take_record(*record, now_us);
+    } else if (const auto* memory = std::get_if<GenerationPtr>(&event.what)) {
+      stream.set_memory(*memory);
     } else if (const auto* trace = std::get_if<MirrorEvent::TracePtr>(&event.what)) {
       stream.relay_trace(**trace);
     } else {

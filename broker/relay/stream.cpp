@@ -157,9 +157,11 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
     if (!codec) return codec.error();
     present_ = snapshot;
     info_texts_.clear();
+    memory_texts_.clear();
     share_->announce();
     layout_ = {*codec, format.rows, format.channels, format.band_ends};
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
+    plain_.reset();
     groups_.clear();
     for (Watcher* watcher : order_) join_group(*watcher, watched_.at(watcher));
   }
@@ -200,19 +202,80 @@ Result<void> Stream::take_frame(const WireFrame& frame, TimeUs now_us) {
   return {};
 }
 
+void Stream::set_memory(GenerationPtr memory) {
+  deliver();
+  const bool goes_on = memory && present_.memory && memory->root == present_.memory->root;
+  present_.memory = std::move(memory);
+  memory_texts_.clear();
+  for (StreamTap* tap : settings_.taps) tap->on_memory(*this);
+  if (!goes_on && present_.newest && present_.newest->after->phase) {
+    KeyRecord newest = *present_.newest;
+    ChainState after = *newest.after;
+    after.phase.reset();
+    newest.after = std::make_shared<const ChainState>(std::move(after));
+    present_.newest = std::make_shared<const KeyRecord>(std::move(newest));
+  }
+  if (!goes_on && std::exchange(present_.used, 0) != 0) {
+    groups_.clear();
+    for (Watcher* watcher : order_) {
+      join_group(*watcher, watched_.at(watcher));
+      watcher->on_restart(*this);
+    }
+  }
+  if (!present_.memory) return;
+  for (Watcher* watcher : order_) watcher->on_memory(*this);
+}
+
+const KeyRecordPtr& Stream::plain() const {
+  const KeyRecordPtr& newest = present_.newest;
+  if (plain_ && newest && plain_->sequence == newest->sequence) return plain_;
+  // A chain that begins with the sender's state goes on as the sender's.
+  if (!newest || (present_.used == 0 && (!plain_ || plain_->join))) return newest;
+  const bool follows = present_.used != 0 && plain_ && newest->before && plain_->sequence + 1 == newest->sequence;
+  plain_ = plain_record(layout_, *newest, follows ? plain_.get() : nullptr);
+  return plain_;
+}
+
+void Stream::note_held(Watcher& watcher, std::uint32_t generation) {
+  const auto found = watched_.find(&watcher);
+  const Generation* memory = present_.memory.get();
+  if (found == watched_.end() || memory == nullptr || generation > memory->number ||
+      generation < std::max(memory->root, found->second.generation))
+    return;
+  found->second.generation = generation;
+  change_chain(watcher);
+}
+
+void Stream::change_chain(Watcher& watcher) {
+  Watched& watched = watched_.at(&watcher);
+  if (watched.group == nullptr || watched.group->plain == needs_plain(watched)) return;
+  deliver();
+  leave_group(watcher, watched);
+  join_group(watcher, watched);
+  watcher.on_restart(*this);
+}
+
 void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
+  if (record->generation > present_.used) {
+    present_.used = record->generation;
+    for (Watcher* watcher : order_) change_chain(*watcher);
+  }
   present_.newest = record;
   ++keys_received_;
   tracer_.note_key(record->sequence, record->arrival_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, present_.newest);
-  for (auto& [profile, group] : groups_) group->add_key(record, now_us);
+  for (auto& [key, group] : groups_) group->add_key(*this, now_us);
   has_pending_ = true;
 }
 
 Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) const {
   const Envelope& head = frame.envelope;
   const KeyRecordPtr& newest = present_.newest;
-  if (head.flags != 0) return fail(ErrorCode::kCorrupt, "a sender's frames carry no flags");
+  if ((head.flags & ~Envelope::kRecalled) != 0)
+    return fail(ErrorCode::kCorrupt, "a sender's frames carry no flags but that of its memory");
+  const Generation* memory = present_.memory.get();
+  if (head.is_recalled() && memory == nullptr)
+    return fail(ErrorCode::kCorrupt, "it needs a memory that this broker does not hold: wait for 'remembered'");
   if (!layout_.all_bands().includes(head.bands) || !head.bands.has(0)) {
     return fail(ErrorCode::kCorrupt, "bands must be among those announced and include band 0");
   }
@@ -227,8 +290,10 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
   std::uint8_t half_spacing = newest ? newest->half_spacing : 0;
   std::shared_ptr<const ChainState> before, after;
   if (join) {
-    auto state = decode_join(layout_, head.bands, frame.payload);
+    auto state = decode_join(layout_, head.bands, frame.payload, head.is_recalled());
     if (!state) return state.error();
+    if (state->phase && !memory->poses.has(*state->phase))
+      return fail(ErrorCode::kCorrupt, "a phase that its memory does not have");
     state->age_us = head.age_us;
     const bool follows = newest && head.sequence == newest->sequence + 1;
     if (follows && head.age_us == head.capture_us - newest->capture_us && state->older == newest->after->newer)
@@ -236,12 +301,19 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     after = std::make_shared<const ChainState>(std::move(*state));
   } else {
     const ChainState& state = *newest->after;
-    auto key = decode_key(layout_, head.bands, state, frame.payload);
+    std::optional<std::uint32_t> phase;
+    auto key = [&]() -> Result<Key> {
+      if (!head.is_recalled()) return decode_key(layout_, head.bands, state, frame.payload);
+      auto recalled = decode_recalled_key(layout_, head.bands, state, memory->poses, frame.payload);
+      if (!recalled) return recalled.error();
+      phase = recalled->phase;
+      return std::move(recalled->key);
+    }();
     if (!key) return key.error();
     before = newest->after;
     half_spacing = half_spacing_of(frame.payload);
     after = std::make_shared<const ChainState>(
-        ChainState{state.newer, std::move(*key), head.capture_us - newest->capture_us});
+        ChainState{state.newer, std::move(*key), head.capture_us - newest->capture_us, phase});
   }
   return std::make_shared<const KeyRecord>(KeyRecord{.sequence = head.sequence,
                                                      .capture_us = head.capture_us,
@@ -249,6 +321,7 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
                                                      .bands = head.bands,
                                                      .join = join,
                                                      .half_spacing = half_spacing,
+                                                     .generation = after->phase ? memory->needed_at(*after->phase) : 0,
                                                      .before = before,
                                                      .after = after,
                                                      .payload{frame.payload.begin(), frame.payload.end()}});
@@ -257,11 +330,13 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
 Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (const auto checked = check_profile(wanted); !checked) return checked;
   deliver();
-  const bool known = watched_.contains(&watcher);
+  const auto before = watched_.find(&watcher);
+  const bool known = before != watched_.end();
+  const std::uint32_t generation = known ? before->second.generation : 0;
   auto place = known ? forget(watcher) : share_->take_place(watcher.holder(), settings_.max_watchers);
   if (!place) return place.error();
   if (!known) order_.push_back(&watcher);
-  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr, std::move(*place)};
+  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr, std::move(*place), generation};
   if (present_.epoch != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
   if (!known) report_count();
@@ -272,7 +347,7 @@ bool Stream::improve(Watcher& watcher) {
   const auto found = watched_.find(&watcher);
   if (found == watched_.end() || found->second.group == nullptr) return false;
   const Profile present = found->second.group->feed.profile(), wanted = found->second.wanted;
-  if (present == effective(wanted) || present == affordable(wanted, watcher)) return false;
+  if (present == effective(wanted) || present == affordable(found->second, watcher)) return false;
   return static_cast<bool>(watch(watcher, wanted));
 }
 
@@ -286,8 +361,8 @@ void Stream::unwatch(Watcher& watcher) {
 }
 
 void Stream::pump(TimeUs now_us) {
-  for (auto& [profile, group] : groups_) {
-    if (group->retry_us && *group->retry_us <= now_us) group->add_key(present_.newest, now_us);
+  for (auto& [key, group] : groups_) {
+    if (group->retry_us && *group->retry_us <= now_us) group->add_key(*this, now_us);
     group->feed.pump(now_us, group->pending);
   }
   has_pending_ = true;
@@ -296,12 +371,12 @@ void Stream::pump(TimeUs now_us) {
 
 void Stream::deliver() {
   if (!std::exchange(has_pending_, false)) return;
-  for (auto& [profile, group] : groups_) deliver(*group);
+  for (auto& [key, group] : groups_) deliver(*group);
 }
 
 std::optional<TimeUs> Stream::next_due_us() const {
   std::optional<TimeUs> next;
-  for (const auto& [profile, group] : groups_) {
+  for (const auto& [key, group] : groups_) {
     for (const auto due : {group->feed.next_due_us(), group->retry_us}) {
       if (due && (!next || *due < *next)) next = due;
     }
@@ -384,6 +459,18 @@ std::shared_ptr<const std::string> Stream::info_text(const Watcher& watcher) con
   return text;
 }
 
+std::shared_ptr<const std::string> Stream::memory_text(std::size_t kept) const {
+  constexpr std::size_t kMaxTexts = 8;
+  if (memory_texts_.size() > kMaxTexts) memory_texts_.clear();
+  auto& text = memory_texts_[kept];
+  if (text) return text;
+  const Generation& memory = *present_.memory;
+  control::Remember message{name_, memory.number, static_cast<std::uint32_t>(kept), {}};
+  for (std::size_t i = kept; i < memory.segments.size(); ++i) message.segments.push_back(memory.segments[i].id);
+  text = websocket::framed(websocket::Opcode::kText, text_from_control(std::move(message)));
+  return text;
+}
+
 Profile Stream::profile_of(const Watcher& watcher) const {
   const auto found = watched_.find(&watcher);
   if (found == watched_.end()) return {};
@@ -399,32 +486,36 @@ Profile Stream::effective(const Profile& wanted) const {
 }
 
 /// What a new watcher of the profile gets. The `stream` message reports it.
-Profile Stream::affordable(const Profile& wanted, const Watcher& watcher) const {
-  const Profile profile = effective(wanted);
-  if (groups_.contains(profile)) return profile;
+Profile Stream::affordable(const Watched& watched, const Watcher& watcher) const {
+  const Profile profile = effective(watched.wanted);
+  const bool plain = needs_plain(watched);
+  if (groups_.contains({profile, plain})) return profile;
   std::size_t cost = 0;
   std::vector<Profile> served;
-  for (const auto& [other, group] : groups_) {
-    served.push_back(other);
+  for (const auto& [key, group] : groups_) {
+    const Profile& other = key.first;
+    if (group->plain == plain) served.push_back(other);
     if (!is_common(other)) cost += cost_of(other);
   }
   const bool in_budget = is_common(profile) || cost + cost_of(profile) <= settings_.max_profiles;
   const Profile next = in_budget ? profile : nearest_profile(profile, served, true);
-  const bool fits = groups_.contains(next) ||
+  const bool fits = groups_.contains({next, plain}) ||
                     settings_.memory->encoded.fits(watcher.holder(), encoded_bytes(layout_, next), settings_.max_bytes);
   return fits ? next : nearest_profile(profile, served, false);
 }
 
 void Stream::join_group(Watcher& watcher, Watched& watched) {
-  const Profile profile = affordable(watched.wanted, watcher);
-  auto& group = groups_[profile];
+  const Profile profile = affordable(watched, watcher);
+  const bool plain = needs_plain(watched);
+  auto& group = groups_[{profile, plain}];
   if (!group) {
     const VelocityChannels velocities{present_.announced.format.velocity_channels,
                                       present_.announced.format.velocity_us};
-    group = std::make_unique<Group>(profile, Feed::Source{layout_, velocities, id(), present_.epoch, present_.tag,
-                                                          settings_.max_span_us, settings_.max_ahead_us});
+    group = std::make_unique<Group>(profile, plain,
+                                    Feed::Source{layout_, velocities, id(), present_.epoch, present_.tag,
+                                                 settings_.max_span_us, settings_.max_ahead_us});
     group->memory = settings_.memory->encoded.hold(watcher.holder(), encoded_bytes(layout_, profile));
-    if (present_.newest) group->feed.begin_at(present_.newest);
+    if (present_.newest) group->feed.begin_at(plain ? this->plain() : present_.newest);
   }
   group->watchers.push_back(&watcher);
   watched.group = group.get();
@@ -433,13 +524,17 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
 /// Gives up its profile and its slot in the group. Returns its place.
 std::shared_ptr<void> Stream::forget(const Watcher& watcher) {
   const auto found = watched_.find(&watcher);
-  Group* group = found->second.group;
+  leave_group(watcher, found->second);
   auto place = std::move(found->second.place);
   watched_.erase(found);
-  if (group == nullptr) return place;
-  group->remove(watcher);
-  if (group->watchers.empty()) groups_.erase(Profile(group->feed.profile()));
   return place;
+}
+
+void Stream::leave_group(const Watcher& watcher, Watched& watched) {
+  Group* group = std::exchange(watched.group, nullptr);
+  if (group == nullptr) return;
+  group->remove(watcher);
+  if (group->watchers.empty()) groups_.erase(GroupKey(group->feed.profile(), group->plain));
 }
 
 /// Who pays stays the same.
@@ -467,12 +562,14 @@ bool Stream::Group::charge_poses(double work_us) {
   return find_payer([](Watcher& watcher) { return watcher.charge_poses(0); });
 }
 
-void Stream::Group::add_key(const KeyRecordPtr& record, TimeUs now_us) {
-  const double work_us = kProfileKeyUs + static_cast<double>(record->payload.size()) / kProfileKeyBytesPerUs;
+void Stream::Group::add_key(const Stream& stream, TimeUs now_us) {
+  const KeyRecordPtr& record = stream.present_.newest;
+  double work_us = kProfileKeyUs + static_cast<double>(record->payload.size()) / kProfileKeyBytesPerUs;
+  if (plain) work_us += encoding_us(stream.layout_, record->payload.size());
   retry_us.reset();
-  if (feed.profile().rate == Profile::Rate::kRaw ||
+  if ((feed.profile().rate == Profile::Rate::kRaw && !plain) ||
       find_payer([&](Watcher& watcher) { return watcher.take_key(work_us); })) {
-    return feed.add_key(record, now_us, pending);
+    return feed.add_key(plain ? stream.plain() : record, now_us, pending);
   }
   feed.leave_gap();
   retry_us = now_us + kRetryUs;

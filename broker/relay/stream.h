@@ -36,6 +36,10 @@ class Watcher {
   virtual const void* purse() const { return this; }  ///< The same for all of a holder.
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
+  /// The stream has another memory().
+  virtual void on_memory(const Stream& /*stream*/) {}
+  /// Later frames build on none of the earlier ones, as with `restart`.
+  virtual void on_restart(const Stream& /*stream*/) {}
   virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) = 0;
   virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
 };
@@ -63,6 +67,7 @@ class StreamTap {
   /// The number of its watchers in all loops has changed, or its publisher has gone.
   virtual void on_demand_changed(const Stream& /*stream*/) {}
   virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
+  virtual void on_memory(const Stream& /*stream*/) {}
   virtual void on_forgotten(const Stream& stream) = 0;
 };
 
@@ -74,8 +79,9 @@ struct StreamShare {
   /// Errors: kTooLarge (none is free; the holder has its share).
   Result<std::shared_ptr<void>> take_place(const std::string& holder, std::uint32_t max);
   const std::uint32_t id;
-  std::atomic<std::uint8_t> tag;  ///< Of the latest epoch.
-  Shares watchers;                ///< In all loops.
+  std::atomic<std::uint8_t> tag;              ///< Of the latest epoch.
+  Shares watchers;                            ///< In all loops.
+  std::atomic<std::uint32_t> generations{0};  ///< Of memories so far.
   std::mutex mutex;
   bool announced = false;        ///< GUARDED_BY(mutex)
   std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
@@ -85,6 +91,7 @@ struct StreamShare {
 struct StreamMemory {
   Shares keys;     ///< Of their senders: keys_bytes().
   Shares encoded;  ///< Of who asked for the profile first: encoded_bytes().
+  Shares poses;    ///< That streams remember, of their senders.
 };
 
 /// Counts something towards somebody's limit until the pointer ends. Errors: kRefused (the limit is reached).
@@ -135,6 +142,8 @@ struct Snapshot {
   bool live = false;        ///< The sender is there.
   KeyRecordPtr newest;      ///< Null: no key of this epoch yet.
   std::uint8_t tag = 0;     ///< Stands for the epoch in frames.
+  GenerationPtr memory{};   ///< Null: none.
+  std::uint32_t used = 0;   ///< The newest generation that a key needed; 0: none since the memory's root.
 };
 using SnapshotPtr = std::shared_ptr<const Snapshot>;
 
@@ -148,7 +157,8 @@ class Stream {
     std::size_t max_profiles = 64;        ///< The budget of profiles that are not common (default: 64).
     std::vector<StreamTap*> taps{};       ///< Each outlives the stream (default: none).
     TimeUs max_ahead_us = 200'000;        ///< Estimates end this long after the newest key (default: 200 ms).
-    std::int64_t max_bytes = Shares::kUnlimited;                              ///< Of each part of `memory`.
+    std::int64_t max_bytes = Shares::kUnlimited;         ///< Of memory->keys, and of memory->encoded.
+    std::int64_t max_memory_bytes = Shares::kUnlimited;  ///< Of memory->poses.
     std::shared_ptr<StreamMemory> memory = std::make_shared<StreamMemory>();  ///< Of all hubs of a broker.
   };
 
@@ -177,6 +187,14 @@ class Stream {
   Result<void> take_frame(const WireFrame& frame, TimeUs now_us);
   void deliver();
 
+  /// Replaces what keys may be predicted from; null: nothing. Where the one before is not continued its state in the
+  /// chain is void, on the sender's side, too. REQUIRES: of layout().
+  void set_memory(GenerationPtr memory);
+  const GenerationPtr& memory() const { return present_.memory; }
+  /// The newest key as one that needs no memory; where all keys do not, as it came. Null before the first. It follows
+  /// the one that was returned for the key before.
+  const KeyRecordPtr& plain() const;
+
   // For mirrors of a stream of another loop.
 
   /// New watchers get no on_stream_changed() until restore().
@@ -203,6 +221,8 @@ class Stream {
   /// whether anything changed.
   bool improve(Watcher& watcher);
   void unwatch(Watcher& watcher);
+  /// A watcher has the poses of a generation: it gets keys that need them from a join on.
+  void note_held(Watcher& watcher, std::uint32_t generation);
 
   void pump(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
@@ -220,6 +240,8 @@ class Stream {
   control::StreamInfo info_for(const Watcher& watcher) const;
   /// The same as a message: one for all of a profile, as a stream may have many watchers and long names.
   std::shared_ptr<const std::string> info_text(const Watcher& watcher) const;
+  /// `remember`, likewise, for viewers that were told of so many of the segments. REQUIRES: memory().
+  std::shared_ptr<const std::string> memory_text(std::size_t kept) const;
 
   const std::string& name() const { return name_; }
   std::uint32_t id() const { return share_->id; }
@@ -249,16 +271,18 @@ class Stream {
  private:
   friend class Hub;
   struct Group {
-    Group(const Profile& profile, const Feed::Source& source)
-        : feed(profile, source, [this](double work_us) { return charge_poses(work_us); }) {}
+    Group(const Profile& profile, bool is_plain, const Feed::Source& source)
+        : feed(profile, source, [this](double work_us) { return charge_poses(work_us); }), plain(is_plain) {}
     bool charge_poses(double work_us);
-    /// If somebody pays for it. Else it, or a newer one, is tried again, and its receivers get a join.
-    void add_key(const KeyRecordPtr& record, TimeUs now_us);
+    /// The stream's newest key, if somebody pays for it. Else it, or a newer one, is tried again, and its receivers get
+    /// a join.
+    void add_key(const Stream& stream, TimeUs now_us);
     /// Goes on to the first who does, if one of the next kMaxPayersAsked holders does.
     template <typename Pays>
     bool find_payer(Pays pays);
     void remove(const Watcher& watcher);
     Feed feed;
+    const bool plain;  ///< Of those who lack the memory that keys need.
     std::vector<Watcher*> watchers;
     std::size_t payer = 0;             ///< Who of them pays for poses while it can.
     std::optional<TimeUs> retry_us{};  ///< When the newest key, which nobody paid for, is tried again.
@@ -274,15 +298,22 @@ class Stream {
   };
 
   struct Watched {
-    Profile wanted;               ///< Made canonical().
-    Group* group = nullptr;       ///< Null before the first epoch.
-    std::shared_ptr<void> place;  ///< Among the stream's watchers.
+    Profile wanted;                ///< Made canonical().
+    Group* group = nullptr;        ///< Null before the first epoch.
+    std::shared_ptr<void> place;   ///< Among the stream's watchers.
+    std::uint32_t generation = 0;  ///< Of the memory that it has.
   };
+  using GroupKey = std::pair<Profile, bool>;  ///< Profile, plain.
 
   Profile profile_of(const Watcher& watcher) const;
   Profile effective(const Profile& wanted) const;
-  Profile affordable(const Profile& wanted, const Watcher& watcher) const;
+  Profile affordable(const Watched& watched, const Watcher& watcher) const;
+  /// Whether it has no memory that keys need.
+  bool needs_plain(const Watched& watched) const { return watched.generation < present_.used; }
   void join_group(Watcher& watcher, Watched& watched);
+  /// Moves it where needs_plain() says.
+  void change_chain(Watcher& watcher);
+  void leave_group(const Watcher& watcher, Watched& watched);
   std::shared_ptr<void> forget(const Watcher& watcher);
   void deliver(Group& group);
   void send_traces(Group& group);
@@ -298,10 +329,12 @@ class Stream {
   std::uint32_t mirror_trace_ = 0;
   CoefficientLayout layout_;
   std::unordered_map<const Watcher*, Watched> watched_;
-  std::map<Profile, std::unique_ptr<Group>> groups_;
-  std::vector<Watcher*> order_;    ///< All watchers, in order of arrival.
+  std::map<GroupKey, std::unique_ptr<Group>> groups_;
+  mutable KeyRecordPtr plain_;                                                ///< See plain(); null: it begins anew.
+  std::vector<Watcher*> order_;                                               ///< All watchers, in order of arrival.
   mutable std::map<Profile, std::shared_ptr<const std::string>> info_texts_;  ///< Of present_.
-  bool has_pending_ = false;       ///< In any group.
+  mutable std::map<std::size_t, std::shared_ptr<const std::string>> memory_texts_;  ///< Likewise, by `kept`.
+  bool has_pending_ = false;                                                        ///< In any group.
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
   StreamHolder holder_;

@@ -226,17 +226,58 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   struct stat status = {};
   if (::fstat(file.get(), &status) != 0) return io_error("asset " + id.hex(), errno);
   if (touch) ::futimens(file.get(), nullptr);
-  return Object{std::move(file), static_cast<std::uint64_t>(status.st_size)};
+  std::array<std::uint8_t, kSegmentMagic.size()> magic{};
+  const bool is_segment =
+      ::pread(file.get(), magic.data(), magic.size(), 0) == ssize_t{magic.size()} && magic == kSegmentMagic;
+  return Object{std::move(file), static_cast<std::uint64_t>(status.st_size), is_segment};
 }
 
 void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& asset, std::string_view holder) {
   const std::lock_guard lock(mutex_);
-  if (asset) {
-    used_by_stream_.insert_or_assign(std::string(stream), Used{*asset, std::string(holder)});
-    if (const auto entry = entries_.find(*asset); entry != entries_.end()) entry->second.read_us = kNever;
-  } else if (const auto found = used_by_stream_.find(stream); found != used_by_stream_.end()) {
+  if (const auto found = used_by_stream_.find(stream); found != used_by_stream_.end()) {
+    forget_segments(found->second.segments);
     used_by_stream_.erase(found);
   }
+  if (!asset) return;
+  used_by_stream_.insert_or_assign(std::string(stream), Used{*asset, std::string(holder)});
+  if (const auto entry = entries_.find(*asset); entry != entries_.end()) entry->second.read_us = kNever;
+}
+
+void AssetStore::forget_segments(const std::vector<Sha256>& segments) {
+  for (const Sha256& id : segments) forgotten_.insert_or_assign(id, steady_now_us());
+}
+
+void AssetStore::on_memory(const Stream& stream) {
+  const std::lock_guard lock(mutex_);
+  const auto found = used_by_stream_.find(stream.name());
+  if (found == used_by_stream_.end()) return;
+  auto& segments = found->second.segments;
+  forget_segments(segments);
+  segments.clear();
+  if (const Generation* memory = stream.memory().get()) {
+    for (const auto& segment : memory->segments) segments.push_back(*Sha256::from_hex(segment.id));
+  }
+}
+
+void AssetStore::remove_forgotten(TimeUs now_us) {
+  std::vector<std::string> aside;
+  {
+    const std::lock_guard lock(mutex_);
+    if (forgotten_.empty()) return;
+    for (const auto& [stream, used] : used_by_stream_) {
+      for (const Sha256& id : used.segments) forgotten_.erase(id);
+    }
+    for (auto at = forgotten_.begin(); at != forgotten_.end();) {
+      const auto entry = entries_.find(at->first);
+      const bool is_due = entry == entries_.end() || now_us - at->second > settings_.min_idle_us;
+      if (entry != entries_.end() && is_due) {
+        aside.push_back(temporary_path());
+        if (::rename(path_of(at->first).c_str(), aside.back().c_str()) == 0) erase(entry);
+      }
+      at = is_due ? forgotten_.erase(at) : std::next(at);
+    }
+  }
+  for (const std::string& path : aside) ::unlink(path.c_str());
 }
 
 void AssetStore::on_announced(const Stream& stream) {
@@ -297,6 +338,9 @@ void AssetStore::note_uses() {
         entry->second.read_us = now_us;
         known = due.try_emplace(used.asset).first;
       }
+      for (const Sha256& id : used.segments) {
+        if (const auto segment = entries_.find(id); segment != entries_.end()) use(segment->second, now_us);
+      }
       Users& users = known->second;
       if (!used.holder.empty()) users.emplace(load(used.holder), used.holder);
       if (users.size() > 2) users.erase(std::prev(users.end()));  // One may be the holder itself.
@@ -309,6 +353,7 @@ void AssetStore::note_uses() {
     for (const Sha256& id : *used) note_users(id, users, now_us);
   }
   noted_us_ = now_us - period_us;
+  remove_forgotten(now_us);
 }
 
 void AssetStore::note_users(const Sha256& id, const Users& users, TimeUs now_us) {

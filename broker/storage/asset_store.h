@@ -37,7 +37,8 @@ constexpr std::uint64_t charge_of(std::uint64_t bytes) {
 /// else is in use, those of the holder of most, for one that holds less. What streams of others use is then charged to
 /// one of these instead, as long as its share has room: nobody loses what it uses because others stored too much, and
 /// nobody pays for what it neither stored nor uses. A stream uses the asset that it announced and every object that
-/// this lists, as note_uses() finds; all else costs the same for any number of streams.
+/// this lists, as note_uses() finds; all else costs the same for any number of streams. It uses the segments of its
+/// memory, too: poses of people, which are removed some time after no stream remembers them.
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -88,6 +89,7 @@ class AssetStore final : public StreamTap {
   struct Object {
     FileHandle file;
     std::uint64_t size = 0;
+    bool is_segment = false;  ///< Of a memory of poses: nobody else is to keep it.
   };
 
   /// A folder that takes no files serves what it has. Errors: kRefused (another broker uses the folder).
@@ -108,6 +110,7 @@ class AssetStore final : public StreamTap {
   void on_announced(const Stream& stream) override;
   void on_key(const Stream&, const KeyRecordPtr&) override {}
   void on_stalled(const Stream&) override {}
+  void on_memory(const Stream& stream) override;
   void on_forgotten(const Stream& stream) override;
 
   /// Errors: kNotFound, kIo.
@@ -141,6 +144,7 @@ class AssetStore final : public StreamTap {
   struct Used {
     Sha256 asset;
     std::string holder;
+    std::vector<Sha256> segments{};
   };
   using Users = std::set<std::pair<double, std::string>>;  ///< Names of holders, by load().
   /// Keyed: senders choose ids, and could choose them for one bucket.
@@ -158,6 +162,8 @@ class AssetStore final : public StreamTap {
   bool pass_on(Entry& entry);
   /// What part of the store a holder is charged for. REQUIRES: mutex_.
   double load(const std::string& name) const;
+  void forget_segments(const std::vector<Sha256>& segments);  ///< REQUIRES: mutex_.
+  void remove_forgotten(TimeUs now_us);
   bool evict_oldest(const Holder& wanting);  ///< False: the store is within its quota, or none is idle.
   Holder& holder(std::string_view name);     ///< REQUIRES: mutex_, and that it is charged before others.
   /// Counts bytes and an object, or takes them back; then a holder of nothing is forgotten. REQUIRES: mutex_.
@@ -177,6 +183,7 @@ class AssetStore final : public StreamTap {
   mutable std::unordered_map<Sha256, Entry, IdHash> entries_;  // GUARDED_BY(mutex_)
   mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)
   std::map<std::string, Used, std::less<>> used_by_stream_;    // GUARDED_BY(mutex_)
+  std::map<Sha256, TimeUs> forgotten_;                         ///< Segments, since when. GUARDED_BY(mutex_)
   std::map<std::string, Holder, std::less<>> holders_;         // GUARDED_BY(mutex_)
   std::set<std::pair<double, const Holder*>> by_load_;         // GUARDED_BY(mutex_)
   std::atomic<TimeUs> noted_us_{kNever};                       ///< note_uses() has noted all uses at that time.

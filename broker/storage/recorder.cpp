@@ -168,7 +168,8 @@ void Recorder::announce(const SessionPtr& session, const Stream& stream) {
         .bytes = kItemBytes});
 }
 
-void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
+/// Recordings hold no memory: keys are recorded as those that need none.
+void Recorder::on_key(const Stream& stream, const KeyRecordPtr&) {
   if (active_.load(std::memory_order_relaxed) == 0) return;
   const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(stream.name());
@@ -176,6 +177,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   Session& session = *found->second;
   if (session.failed) return;
   if (!session.announced) announce(found->second, stream);
+  const KeyRecordPtr& record = stream.plain();
   const bool gap = session.wants_checkpoint;
   const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
   const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);

@@ -12,7 +12,6 @@
 namespace eigencast {
 namespace {
 
-constexpr std::uint32_t kMagic = 0x4d504345;  ///< "ECPM"
 constexpr std::uint8_t kVersion = 1;
 
 Error corrupt_segment(std::string what) {
@@ -52,7 +51,7 @@ Result<CodedSegment> encode_segment(const CoefficientLayout& layout, const Asset
   segment->step = poses.front().step;
   CodedSegment out;
   ByteWriter writer(out.bytes);
-  writer.u32(kMagic);
+  writer.bytes(kSegmentMagic);
   writer.u8(kVersion);
   writer.bytes(asset);
   append_layout(layout, writer);
@@ -86,7 +85,9 @@ Result<std::shared_ptr<const MemorySegment>> decode_segment(const CoefficientLay
                                                             ByteView bytes) {
   if (layout.is_float()) return segment_misuse("a float codec has no memory");
   ByteReader reader(bytes);
-  if (reader.u32() != kMagic) return corrupt_segment("it does not begin as one");
+  const ByteView magic = reader.bytes(kSegmentMagic.size());
+  if (!std::equal(magic.begin(), magic.end(), kSegmentMagic.begin(), kSegmentMagic.end()))
+    return corrupt_segment("it does not begin as one");
   const std::uint8_t version = reader.u8();
   if (version != kVersion) return fail(ErrorCode::kUnsupported, "memory segment: another version than 1");
   const ByteView of = reader.bytes(asset.size());

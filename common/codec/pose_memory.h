@@ -17,6 +17,8 @@ namespace eigencast {
 /// Names the asset whose surface the poses are of: its SHA-256.
 using AssetDigest = std::array<std::uint8_t, 32>;
 
+inline constexpr std::array<std::uint8_t, 4> kSegmentMagic{'E', 'C', 'P', 'M'};  ///< A segment begins with it.
+
 /// Poses in the order in which they followed each other, as all receivers decode them. Immutable.
 struct MemorySegment {
   std::uint8_t step = 0;             ///< Of all poses.

@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "broker/access/token_file.h"
+#include "common/codec/pose_memory.h"
 #include "common/core/files.h"
 
 namespace eigencast::broker {
@@ -22,6 +23,106 @@ namespace {
 
 namespace fs = std::filesystem;
 using namespace testing;
+
+/// A segment of poses that FakeSenders send, as an object.
+std::string segment_of(int first, std::size_t count, const AssetDigest& asset,
+                       const CoefficientLayout& layout = small_layout()) {
+  std::vector<Key> keys(count, key_number(first));
+  for (std::size_t i = 0; i < count; ++i) keys[i].q = key_number(first + static_cast<int>(i)).q;
+  for (Key& key : keys) key.q.resize(layout.size());
+  const Bytes bytes = encode_segment(layout, asset, keys, 1).value().bytes;
+  return {bytes.begin(), bytes.end()};
+}
+
+TEST_F(ServiceTest, MemoriesAreTakenOrRefusedByCodeAndTheStreamGoesOn) {
+  stop();
+  config_.limits.max_control_bytes = 65'536;
+  start();
+  auto publisher = sender("a");
+  Client viewer(port_, "/v1/subscribe/a?rate=raw");
+  viewer.wait_for<control::StreamInfo>();
+  FakeSender motion;
+  FakeReceiver receiver;
+  TimeUs now = 0;
+  publisher->send_frame(motion.next(now));
+  receiver.decode(*viewer.next_frame());
+  std::uint32_t number = 0;
+  const auto ask = [&](std::uint32_t kept, std::vector<std::string> ids) {
+    publisher->send(control::Remember{"a", ++number, kept, std::move(ids)});
+    const auto answer = publisher->wait_for<control::Remembered>();
+    EXPECT_EQ(answer.generation, number);
+    return answer.code;
+  };
+  const AssetDigest asset = Sha256::from_hex(asset_)->digest;
+  const std::string good = segment_of(0, 20, asset), more = segment_of(20, 20, asset);
+  EXPECT_EQ(ask(0, {std::string(64, 'e')}), "not-found");
+  EXPECT_EQ(ask(0, {asset_}), "corrupt") << "a manifest";
+  EXPECT_EQ(ask(0, {put_asset(segment_of(0, 20, {}))}), "corrupt") << "another asset's";
+  const CoefficientLayout other{CodecKind::kQuantised, 9, 3, {4, 9}};
+  EXPECT_EQ(ask(0, {put_asset(segment_of(0, 20, asset, other))}), "corrupt") << "of another layout";
+  EXPECT_EQ(ask(0, {put_asset(good.substr(0, good.size() - 1))}), "corrupt");
+  EXPECT_EQ(ask(0, {put_asset(segment_of(0, 1000, asset)), put_asset(segment_of(1, 25, asset))}), "too-large");
+  const std::string first = put_asset(good), second = put_asset(more);
+  EXPECT_EQ(ask(1, {first}), "invalid-argument") << "keeps what is not here";
+  EXPECT_EQ(ask(0, {first}), "");
+  EXPECT_EQ(ask(1, std::vector(256, second)), "invalid-argument");
+  EXPECT_EQ(ask(1, {std::string(64, 'e')}), "not-found") << "and the one before stays";
+  const auto told = viewer.wait_for<control::Remember>();
+  EXPECT_EQ(told.segments, std::vector{first});
+  EXPECT_EQ(told.kept, 0U);
+  EXPECT_EQ(request("GET", "/v1/assets/" + told.segments[0]).body, good);
+  EXPECT_EQ(request("GET", "/v1/assets/" + told.segments[0]).headers["Cache-Control"], "no-store");
+  EXPECT_NE(request("GET", "/v1/streams").body.find("\"memory_poses\":20"), std::string::npos);
+  EXPECT_EQ(ask(1, {second}), "");
+  const auto appended = viewer.wait_for<control::Remember>();
+  EXPECT_EQ(appended.segments, std::vector{second});
+  EXPECT_EQ(appended.kept, 1U);
+  EXPECT_GT(appended.generation, told.generation);
+  PoseMemory memory(small_layout());
+  for (const std::string& bytes : {good, more}) {
+    const Bytes object(bytes.begin(), bytes.end());
+    memory = memory.with(decode_segment(small_layout(), asset, object).value()).value();
+  }
+  receiver.memory = memory;
+  // Who says nothing gets keys that need none; who names the generation the sender's.
+  std::uint32_t held = 0;
+  const auto recalled = [&](std::uint32_t phase) {
+    publisher->send_frame(motion.next_recalled(now += 33'000, memory, phase));
+    for (;;) {
+      const FramePtr frame = viewer.next_frame();
+      receiver.decode(*frame);
+      const Envelope& head = frame->envelope;
+      viewer.send(control::Ack{{{announced_.stream_id, head.sequence, head.step.byte(), held}}, now});
+      if (head.capture_us == now) return head.is_recalled();
+    }
+  };
+  EXPECT_FALSE(recalled(8));
+  EXPECT_FALSE(recalled(16));
+  held = appended.generation;
+  std::uint32_t pose = 3;
+  while (!recalled(8 * pose)) pose = pose % 30 + 1;
+  EXPECT_TRUE(recalled(8 * 20));
+  EXPECT_EQ(receiver.poses.back().key, motion.sent());
+  EXPECT_EQ(receiver.undecodable, 0);
+  // A new root: what was held is void at once.
+  EXPECT_EQ(ask(0, {second}), "");
+  motion.forget_phase();
+  publisher->send_frame(motion.next_recalled(now += 33'000, memory, 8 * 20));
+  EXPECT_EQ(publisher->close_code(), 1008) << "a pose that the memory does not have";
+}
+
+TEST_F(ServiceTest, BrokerThatKeepsNoMemorySaysSo) {
+  stop();
+  config_.memory.enabled = false;
+  start();
+  auto publisher = sender("a");
+  publisher->send(control::Remember{"a", 7, 0, {std::string(64, 'e')}});
+  EXPECT_EQ(publisher->wait_for<control::Remembered>().code, "unsupported");
+  FakeSender motion;
+  Client viewer(port_, "/v1/subscribe/a?rate=raw");
+  publisher->send_frame(motion.next(0));
+  EXPECT_EQ(viewer.next_frame()->envelope.sequence, 0U);
+}
 
 TEST_F(ServiceTest, PosesTravelFromSenderToViewers) {
   Client early(port_, "/v1/subscribe/a?rate=raw");

@@ -58,23 +58,39 @@ Key key_number(int i) {
 
 Bytes FakeSender::next(TimeUs capture_us) {
   const Key key = key_number(static_cast<int>(sequence_));
+  if (!state_) {
+    const ChainState first = advanced({}, key, 0);
+    Bytes message = framed(FrameKind::kJoin, 0, capture_us, encode_join(small_layout(), first).value());
+    state_ = first;
+    return message;
+  }
+  Bytes message = framed(FrameKind::kKey, 0, capture_us, encode_key(small_layout(), *state_, key, 0).value().payload);
+  state_ = advanced(state_, key, state_->age_us);
+  return message;
+}
+
+Bytes FakeSender::next_recalled(TimeUs capture_us, const PoseMemory& memory, std::uint32_t phase) {
+  const Key key = key_number(static_cast<int>(sequence_));
+  const CodedKey coded = encode_recalled_key(small_layout(), *state_, memory, phase, key, 3).value();
+  Bytes message = framed(FrameKind::kKey, Envelope::kRecalled, capture_us, coded.payload);
+  state_ = advanced(state_, coded.key, state_->age_us, phase);
+  return message;
+}
+
+/// Its age is that of the state from then on.
+Bytes FakeSender::framed(FrameKind kind, std::uint8_t flags, TimeUs capture_us, const Bytes& payload) {
   Envelope head;
   head.sequence = sequence_++;
   head.capture_us = capture_us;
   head.bands = 3;
-  head.kind = state_ ? FrameKind::kKey : FrameKind::kJoin;
+  head.kind = kind;
+  head.flags = flags;
   head.tag = tag;
   const ChainClock newest{sequence_ - 2, last_us_, state_ ? state_->age_us : 0};
-  Bytes message, payload;
-  if (state_) {
-    payload = encode_key(small_layout(), *state_, key, 0).value().payload;
-    state_ = advanced(state_, key, capture_us - last_us_);
-  } else {
-    state_ = advanced({}, key, 0);
-    payload = encode_join(small_layout(), *state_).value();
-  }
+  Bytes message;
   append_envelope(head, &newest, message);
   message.insert(message.end(), payload.begin(), payload.end());
+  if (state_) state_->age_us = capture_us - last_us_;
   last_us_ = capture_us;
   return message;
 }
@@ -85,6 +101,11 @@ void FakeReceiver::on_stream_changed(const Stream& stream, bool restart) {
   reader_.begin(info.stream_id, info.tag, info.epoch);
   reads_ = true;
   if (!restart) return;
+  state_.reset();
+  reader_.restart();
+}
+
+void FakeReceiver::on_restart(const Stream&) {
   state_.reset();
   reader_.restart();
 }
@@ -110,8 +131,8 @@ void FakeReceiver::decode(const Frame& frame) {
   if (reads_ && (!read || read->envelope != frame.envelope)) return void(++undecodable);
   const Envelope& head = frame.envelope;
   if (head.kind == FrameKind::kJoin) {
-    auto state = decode_join(small_layout(), head.bands, parsed->payload);
-    if (!state) return void(++undecodable);
+    auto state = decode_join(small_layout(), head.bands, parsed->payload, head.is_recalled());
+    if (!state || (state->phase && !(memory && memory->has(*state->phase)))) return void(++undecodable);
     state_ = *state;
     state_->age_us = head.age_us;
     newest_ = head.sequence;
@@ -119,9 +140,17 @@ void FakeReceiver::decode(const Frame& frame) {
     show(head, state_->newer);
   } else if (head.kind == FrameKind::kKey) {
     if (!state_ || head.sequence != newest_ + 1) return void(++undecodable);
-    const auto key = decode_key(small_layout(), head.bands, *state_, parsed->payload);
+    std::optional<std::uint32_t> phase;
+    const auto key = [&]() -> Result<Key> {
+      if (!head.is_recalled()) return decode_key(small_layout(), head.bands, *state_, parsed->payload);
+      if (!memory) return fail(ErrorCode::kCorrupt, "no memory");
+      auto recalled = decode_recalled_key(small_layout(), head.bands, *state_, *memory, parsed->payload);
+      if (!recalled) return recalled.error();
+      phase = recalled->phase;
+      return recalled->key;
+    }();
     if (!key) return void(++undecodable);
-    state_ = advanced(state_, *key, head.capture_us - newest_us_);
+    state_ = advanced(state_, *key, head.capture_us - newest_us_, phase);
     newest_ = head.sequence;
     newest_us_ = head.capture_us;
     show(head, *key);

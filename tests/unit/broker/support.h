@@ -10,6 +10,7 @@
 #include "broker/relay/stream.h"
 #include "common/codec/chain.h"
 #include "common/codec/key.h"
+#include "common/codec/pose_memory.h"
 #include "common/core/hash/sha256.h"
 #include "common/wire/envelope.h"
 
@@ -40,6 +41,11 @@ class FakeSender : public PublisherLink {
  public:
   /// The next key as a message: a join at the chain's start, a key afterwards.
   Bytes next(TimeUs capture_us);
+  /// The same, predicted from `memory` at a phase: not exactly.
+  Bytes next_recalled(TimeUs capture_us, const PoseMemory& memory, std::uint32_t phase);
+  /// What its memory is void of now.
+  void forget_phase() { state_->phase.reset(); }
+  const Key& sent() const { return state_->newer; }
   /// Begins a new chain at the next key.
   void begin_anew() { state_.reset(); }
   void skip_number() { ++sequence_; }
@@ -49,6 +55,8 @@ class FakeSender : public PublisherLink {
   std::uint8_t tag = 1;  ///< Of its stream's epoch: new ones count from 1.
 
  private:
+  Bytes framed(FrameKind kind, std::uint8_t flags, TimeUs capture_us, const Bytes& payload);
+
   std::uint64_t sequence_ = 0;
   TimeUs last_us_ = 0;
   std::optional<ChainState> state_;
@@ -82,6 +90,7 @@ class FakeReceiver : public Watcher {
   };
 
   void on_stream_changed(const Stream& stream, bool restart) override;
+  void on_restart(const Stream& stream) override;
   void on_frames(const Stream&, std::span<const FramePtr> received) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
 
@@ -100,6 +109,7 @@ class FakeReceiver : public Watcher {
   std::vector<Pose> poses;  ///< Shown ones: in place of a key sent ahead the step that it shows.
   std::vector<std::string> traces;
   int undecodable = 0;
+  std::optional<PoseMemory> memory;
   double charged_us = 0, budget_us = 1e9;  ///< Of encoding poses.
   const void* shared = nullptr;            ///< With others.
 
