@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -9,6 +11,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "common/core/clock.h"
 #include "common/core/log.h"
@@ -27,6 +30,32 @@ inline std::string try_again_in(std::chrono::milliseconds wait) {
   return "; next try in " + std::to_string(tenths / 10) + (tenths < 100 ? "." + std::to_string(tenths % 10) : "") +
          " s";
 }
+
+/// Says each trouble of a connection once, then counts: the 10th try in a row that fails, the 100th, ... Not
+/// thread-safe.
+class RetryLog {
+ public:
+  /// The line to log of a try that failed; empty: none.
+  std::string failed(const std::string& why) {
+    constexpr std::size_t kMaxKnown = 16;
+    if (++tries_ == next_count_) {
+      next_count_ *= 10;
+      return why + " (try " + std::to_string(tries_) + ")";
+    }
+    if (std::find(known_.begin(), known_.end(), why) != known_.end()) return {};
+    if (known_.size() < kMaxKnown) known_.push_back(why);
+    return why;
+  }
+  /// Likewise of one that succeeded.
+  std::string succeeded() {
+    const std::uint64_t tries = std::exchange(*this, {}).tries_;
+    return tries > 1 ? "connected after " + std::to_string(tries) + " tries in vain" : std::string();
+  }
+
+ private:
+  std::uint64_t tries_ = 0, next_count_ = 10;
+  std::vector<std::string> known_;
+};
 
 /// Nothing: its kind is unknown here, which newer brokers may send, or it is malformed, which is logged.
 inline std::optional<ControlMessage> read_control(std::string_view text, const LogSink& log) {

@@ -92,6 +92,7 @@ void BrokerConnection::on_open(const BrokerUrl& broker) {
   open_ = true;
   crowded_ = false;
   down_.reset();
+  if (const std::string line = retries_.succeeded(); !line.empty()) log(LogLevel::kInfo, line);
   clock_.reset();  // It may be another broker.
   last_ack_us_ = last_ping_us_ = 0;
   if (!url_stream_.empty() && find(url_stream_) == nullptr) send(control::Unsubscribe{url_stream_});
@@ -112,7 +113,8 @@ void BrokerConnection::on_down(const Error& why, milliseconds wait) {
   open_ = false;
   if (refused_one && streams_.size() > 1) return socket_->retry_now();  // That concerns one stream only.
   if (!refused_one) down_ = {why, wait};
-  log(LogLevel::kWarning, why.message + try_again_in(wait));
+  if (const std::string line = retries_.failed(why.message); !line.empty())
+    log(LogLevel::kWarning, line + try_again_in(wait));
   for (const Stream& stream : streams_) stream.listener->on_down(why, wait);
 }
 

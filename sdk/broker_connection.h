@@ -17,6 +17,7 @@
 #include "common/net/websocket.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "sdk/broker.h"
 
 namespace eigencast {
 
@@ -115,6 +116,7 @@ class BrokerConnection final {
   BrokerUrl at_;          ///< The broker that it is or was connected to.
   bool crowded_ = false;  ///< The broker allows no more streams.
   std::optional<std::pair<Error, std::chrono::milliseconds>> down_;
+  RetryLog retries_;
   ClockOffset clock_;
   TimeUs last_ack_us_ = 0, last_ping_us_ = 0;
   std::uint64_t ping_id_ = 0;

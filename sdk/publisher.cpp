@@ -341,6 +341,7 @@ class BrokerPublisher final : public Publisher {
     at_.prefix = url_.prefix;
     stats_.detail = "connected to " + at_.origin();
     asset_uploader_->begin(at_, milliseconds(0));
+    if (const std::string line = retries_.succeeded(); !line.empty()) log(log_, LogLevel::kInfo, line);
   }
 
   void on_down(const Error& why, milliseconds wait) {
@@ -354,7 +355,8 @@ class BrokerPublisher final : public Publisher {
     stats_.detail = why.message + try_again_in(wait);
     asset_uploader_->cancel();
     lock.unlock();
-    log(log_, LogLevel::kWarning, why.message + try_again_in(wait));
+    if (const std::string line = retries_.failed(why.message); !line.empty())
+      log(log_, LogLevel::kWarning, line + try_again_in(wait));
     if (why.code != ErrorCode::kRefused || ever_open_) return;
     if (auto found = located(url_)) {
       lock.lock();
@@ -493,6 +495,8 @@ class BrokerPublisher final : public Publisher {
   const StreamFormat format_;
   const Quantiser quantiser_;
   PoseProjection projection_;  ///< For the caller's thread alone.
+
+  RetryLog retries_;  ///< For the connection's thread alone.
 
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_):

@@ -71,12 +71,8 @@ ExitCode check_target(const TargetOptions& target, bool velocities) {
     spdlog::error("{}", url.error().message);
     return kExitUsage;
   }
-  Result<void> let_in;
-  for (std::size_t i = 0; i < url->brokers(); ++i) {
-    auto tried = probe(url->at(i), "/v1/publish/" + url->stream, kProbeTimeout);
-    if (tried) return kExitOk;
-    if (let_in || let_in.error().code != ErrorCode::kRefused) let_in = std::move(tried);
-  }
+  const auto let_in = probe(*url, "/v1/publish/" + url->stream, kProbeTimeout);
+  if (let_in) return kExitOk;
   const auto found = located(*url);
   if (found && probe(*found, "/v1/publish/" + found->stream, kProbeTimeout)) return kExitOk;
   if (let_in.error().code == ErrorCode::kRefused) {

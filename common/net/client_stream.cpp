@@ -11,6 +11,7 @@
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/error.hpp>
+#include <boost/beast/http/error.hpp>
 #include <boost/beast/websocket/teardown.hpp>
 
 #include "common/core/text.h"
@@ -171,25 +172,36 @@ Error ClientStream::handshake_failure(const BrokerUrl& url, const error_code& co
   if (!distrust_.empty()) {
     return fail(ErrorCode::kRefused, "the certificate of " + where + " is not trusted: " + distrust_);
   }
-  return fail(ErrorCode::kUnreachable, "no TLS at " + where + ": " + code.message() + advice_on(code));
+  return fail(wants_certificate(code) ? ErrorCode::kRefused : ErrorCode::kUnreachable,
+              "no TLS at " + where + ": " + code.message() + advice_on(code, where));
 }
 
-std::string ClientStream::advice_on(const error_code& code) {
-  if (code.category() != boost::asio::error::get_ssl_category()) return {};
+bool ClientStream::wants_certificate(const error_code& code) {
+  if (code.category() != boost::asio::error::get_ssl_category()) return false;
   switch (ERR_GET_REASON(static_cast<unsigned long>(code.value()))) {
     case SSL_R_TLSV13_ALERT_CERTIFICATE_REQUIRED:
-      return " (the broker asks for a certificate of yours: --cert FILE --key FILE)";
     case SSL_R_SSLV3_ALERT_HANDSHAKE_FAILURE:
     case SSL_R_TLSV1_ALERT_UNKNOWN_CA:
     case SSL_R_SSLV3_ALERT_BAD_CERTIFICATE:
     case SSL_R_SSLV3_ALERT_CERTIFICATE_EXPIRED:
-      return " (the broker does not take the certificate of yours that was given, or asks for one: --cert FILE --key "
-             "FILE)";
-    case SSL_R_WRONG_VERSION_NUMBER:
-      return " (does it speak TLS at all? Try ws:// for a broker on this machine)";
+      return true;
     default:
-      return {};
+      return false;
   }
+}
+
+std::string ClientStream::advice_on(const error_code& code, std::string_view origin) {
+  // A server of TLS takes a plain request for a broken handshake.
+  if (origin.starts_with("ws://") &&
+      (code == boost::beast::http::error::end_of_stream || code == boost::beast::http::error::bad_version ||
+       code == boost::asio::error::connection_reset))
+    return " (no answer at all; where it speaks TLS, try wss:// or https://)";
+  if (wants_certificate(code))
+    return " (the broker asks for a certificate of yours, or does not take the one that was given: --cert FILE --key "
+           "FILE)";
+  const bool speaks_no_tls = code.category() == boost::asio::error::get_ssl_category() &&
+                             ERR_GET_REASON(static_cast<unsigned long>(code.value())) == SSL_R_WRONG_VERSION_NUMBER;
+  return speaks_no_tls ? " (does it speak TLS at all? Try ws:// for a broker on this machine)" : "";
 }
 
 }  // namespace eigencast

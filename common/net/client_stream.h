@@ -73,8 +73,11 @@ class ClientStream {
   /// Why the handshake with `url` failed, and what to do. kRefused: the broker's certificate does not do, which only
   /// people can change; else kUnreachable.
   Error handshake_failure(const BrokerUrl& url, const error_code& code) const;
-  /// What to do where `code` ended a connection; empty: nothing particular.
-  static std::string advice_on(const error_code& code);
+  /// Whether the peer wants a certificate that it was not given: only people can change that.
+  static bool wants_certificate(const boost::system::error_code& code);
+  /// What to do where `code` ended a connection before an answer; empty: nothing particular.
+  ///   origin  the broker's, BrokerUrl::origin()
+  static std::string advice_on(const error_code& code, std::string_view origin);
 
   // What Beast asks of a stream.
   template <typename Buffers, typename Handler>

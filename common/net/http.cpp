@@ -87,8 +87,9 @@ class HttpConnection::Impl {
     if (ec == beast::error::timeout)
       return fail(ErrorCode::kTimeout,
                   where_ + " was silent for " + std::to_string(timeout_.count()) + " ms while " + doing);
-    return fail(ErrorCode::kDisconnected,
-                "connection to " + where_ + " lost while " + doing + ": " + ec.message() + ClientStream::advice_on(ec));
+    return fail(
+        ClientStream::wants_certificate(ec) ? ErrorCode::kRefused : ErrorCode::kDisconnected,
+        "connection to " + where_ + " lost while " + doing + ": " + ec.message() + ClientStream::advice_on(ec, where_));
   }
 
   Result<void> connect() {
@@ -231,7 +232,9 @@ void HttpConnection::cancel() {
   impl_->cancel();
 }
 
-Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence) {
+namespace {
+
+Result<void> probe_one(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence) {
   HttpConnection http(url, silence);
   const auto answer = http.get(endpoint, kMaxRemarkBytes);
   if (!answer) return answer.error();
@@ -241,6 +244,18 @@ Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chron
       failure_of_answer(static_cast<unsigned>(answer->status), said, url.origin(), !url.credentials.token.empty());
   if (failure.min_wait < kHopelessRetry) failure.error.code = ErrorCode::kUnreachable;
   return failure.error;
+}
+
+}  // namespace
+
+Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence) {
+  Result<void> answer;
+  for (std::size_t i = 0; i < url.brokers(); ++i) {
+    auto one = probe_one(url.at(i), endpoint, silence);
+    if (one) return one;
+    if (answer || answer.error().code != ErrorCode::kRefused) answer = std::move(one);
+  }
+  return answer;
 }
 
 }  // namespace eigencast

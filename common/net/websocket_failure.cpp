@@ -67,8 +67,10 @@ WebSocketFailure failure_of_answer(unsigned status, std::string_view body, const
 WebSocketFailure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where,
                                     bool has_token) {
   if (ec != ws::error::upgrade_declined) {
-    return {
-        fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message() + ClientStream::advice_on(ec))};
+    const bool hopeless = ClientStream::wants_certificate(ec);
+    return {fail(hopeless ? ErrorCode::kRefused : ErrorCode::kUnreachable,
+                 "no WebSocket at " + where + ": " + ec.message() + ClientStream::advice_on(ec, where)),
+            hopeless, hopeless ? kHopelessRetry : milliseconds(0)};
   }
   WebSocketFailure failure = failure_of_answer(response.result_int(), response.body(), where, has_token);
   failure.min_wait = std::max(failure.min_wait, failure.refused ? retry_after_of(response) : milliseconds(0));

@@ -91,6 +91,14 @@ TEST_F(TlsTest, ClientCertificatesAreRequiredWhenConfigured) {
   EXPECT_THAT(text_of(scene_.file("mixed.log")), HasSubstr("client.pem"));
 }
 
+TEST_F(TlsTest, PlainConnectionsAreAdvisedToUseTls) {
+  auto broker = scene_.start_broker(with_tls("good"));
+  EXPECT_EQ(
+      scene_.run("plain", {"eigencast-client", "ws://127.0.0.1:" + scene_.port() + "/a", "--headless", "--wait", "1"}),
+      4);
+  EXPECT_THAT(text_of(scene_.file("plain.log")), HasSubstr("wss://"));
+}
+
 TEST_F(TlsTest, NothingOlderThanTheConfigurationAllowsIsSpoken) {
   auto broker = scene_.start_broker(with_tls("good"));
   int attempts = 0;

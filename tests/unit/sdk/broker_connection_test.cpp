@@ -69,6 +69,18 @@ std::string waiting(const std::string& stream, std::uint32_t id) {
   return text_from_control(info);
 }
 
+TEST(RetryLog, TroublesAreNamedOnceThenCounted) {
+  RetryLog log;
+  EXPECT_EQ(log.succeeded(), "") << "the first try";
+  int lines = 0;
+  for (int i = 0; i < 150; ++i) lines += log.failed(i % 2 == 0 ? "no broker at a" : "no broker at b").empty() ? 0 : 1;
+  EXPECT_EQ(lines, 4) << "one of each broker, the 10th and the 100th try";
+  EXPECT_NE(log.failed("refused").find("refused"), std::string::npos) << "another trouble";
+  EXPECT_NE(log.succeeded().find("151"), std::string::npos);
+  EXPECT_EQ(log.failed("no broker at a"), "no broker at a") << "counted anew";
+  EXPECT_EQ(log.succeeded(), "") << "a single one";
+}
+
 TEST(BrokerConnection, TwentyStreamsTakeFourThreadsAndOneConnection) {
   LoopbackBroker broker;
   std::vector<std::unique_ptr<Sender>> senders;
