@@ -83,9 +83,13 @@ class Packages(OnMachines):
             manual = self.says(f"zcat {page}").replace("\\-", "-")
             for option in set(re.findall(r"--[a-z-]+", self.says(f"{program} --help-all"))):
                 self.assertIn(option, manual)
+            for document in set(re.findall(r"(?:docs/|(?=client/|sender/))([\w/-]+\.md)", manual)):
+                self.run_at(f"zcat /usr/share/doc/eigencast-*/{document}.gz")
             self.run_at(f"test -s /usr/share/bash-completion/completions/{program} -a -s /usr/share/zsh/vendor-completions/_{program}")
         self.assertEqual(self.says("stat -c '%U %a' /var/lib/eigencast"), "eigencast 750")
         self.assertEqual(self.says("dpkg --verify eigencast-broker eigencast-tools libeigencast0 libeigencast-dev python3-eigencast"), "")
+        self.assertIn("eigencast-client.desktop", self.says("grep -l model/obj /usr/share/applications/*.desktop"))
+        self.run_at("test -s /usr/share/icons/hicolor/scalable/apps/eigencast-client.svg")
         for document in ("operations", "scaling"):
             self.run_at(f"zcat /usr/share/doc/eigencast-broker/{document}.md.gz")
         # What the unit and the packages point at is there.
