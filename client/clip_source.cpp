@@ -4,6 +4,7 @@
 #include <fnmatch.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <exception>
 #include <filesystem>
@@ -55,6 +56,20 @@ Stamp stamp_of(const std::string& input) {
   return stamp;
 }
 
+/// "%20" becomes a blank; what is not two hexadecimal digits stays, as does %00, which no path has.
+std::string without_escapes(const std::string& text) {
+  std::string plain;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    unsigned char byte = 0;
+    const char* digits = text.data() + i + 1;
+    const bool escaped = text[i] == '%' && i + 2 < text.size() &&
+                         std::from_chars(digits, digits + 2, byte, 16).ptr == digits + 2 && byte != 0;
+    plain += escaped ? static_cast<char>(byte) : text[i];
+    i += escaped ? 2 : 0;
+  }
+  return plain;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input) {
@@ -88,7 +103,11 @@ Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, co
 std::optional<std::string> clip_in(const std::string& stream) {
   constexpr std::string_view kScheme = "file:";
   if (!stream.starts_with(kScheme)) return std::nullopt;
-  return stream.substr(kScheme.size());
+  const std::string path = stream.substr(kScheme.size());
+  for (const std::string_view authority : {"//", "//localhost"}) {
+    if (path.starts_with(std::string(authority) + "/")) return without_escapes(path.substr(authority.size()));
+  }
+  return path;
 }
 
 Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,

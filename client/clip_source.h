@@ -103,7 +103,8 @@ class OpeningClip final : public PoseSource {
   std::thread thread_;  ///< Last: it uses the others.
 };
 
-/// INPUT of a stream's name "file:INPUT"; nothing for streams of brokers.
+/// INPUT of a stream's name "file:INPUT", or of the URL "file:///INPUT" without its escapes; nothing for streams of
+/// brokers.
 std::optional<std::string> clip_in(const std::string& stream);
 
 }  // namespace eigencast

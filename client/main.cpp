@@ -6,6 +6,7 @@
 
 #include "client/apps.h"
 #include "client/clip_source.h"
+#include "client/stream_list.h"
 #include "common/command_line/log.h"
 #include "common/core/memory_budget.h"
 
@@ -22,7 +23,7 @@ int run(int argc, char** argv) {
   using namespace eigencast;
   auto parsed = options_from_command_line(argc, argv);
   if (const auto* exit_now = std::get_if<ExitNow>(&parsed)) return exit_now->code;
-  const auto& options = std::get<ClientOptions>(parsed);
+  auto& options = std::get<ClientOptions>(parsed);
   // Read above, for one broker; libraries below would give it to any.
   ::unsetenv("EIGENCAST_TOKEN");
 
@@ -31,6 +32,14 @@ int run(int argc, char** argv) {
   const LogSink log = sink_to(stderr_logger(options.verbose ? LogLevel::kDebug : LogLevel::kInfo));
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
+
+  if (options.list) return run_list(options, log);
+  if (options.scene.streams.empty()) {
+    const auto chosen = choose_live_stream(options);
+    // The window has a welcome to choose from.
+    if (!chosen) eigencast::log(log, options.headless ? LogLevel::kError : LogLevel::kDebug, chosen.error().message);
+    if (!chosen && options.headless) return kExitNoStream;
+  }
 
   std::vector<std::unique_ptr<PoseSource>> sources;
   std::vector<PoseSource*> all;

@@ -46,6 +46,15 @@ Wanted wanted_from(const std::string& text) {
   return {Wanted::Kind::kClip, "file:" + what};
 }
 
+Wanted wanted_from_word(const std::string& word) {
+  const Wanted wanted = wanted_from(word);
+  const std::optional<std::string> input = clip_in(wanted.what);
+  std::error_code ignored;
+  const bool is_path = wanted.kind != Wanted::Kind::kClip || input == clip_in(word) ||
+                       input->find('*') != std::string::npos || std::filesystem::exists(*input, ignored);
+  return is_path ? wanted : Wanted{Wanted::Kind::kStream, word};
+}
+
 Credentials credentials_for(const std::string& stream, std::span<const std::string> streams,
                             std::span<const Credentials> credentials) {
   const auto wanted = parse_broker_url(stream);

@@ -1,44 +1,50 @@
 // SPDX-License-Identifier: MIT
 #include "client/options.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <span>
+#include <string_view>
+#include <utility>
 
 #include "client/clip_source.h"
 #include "client/hud_text.h"
+#include "client/open_source.h"
 #include "client/settings.h"
 #include "common/command_line/command_line.h"
+#include "common/surface/formats/read.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
 
 namespace eigencast {
 namespace {
 
-constexpr const char* kDefaultUrl = "ws://127.0.0.1:7490/demo";
+constexpr const char* kLocalBroker = "ws://127.0.0.1:7490";
 constexpr const char* kExamples =
-    R"(eigencast-client                                        # a window that asks what to show
+    R"(eigencast-client                                        # this machine's one live stream, or what to choose from
+eigencast-client horse.obj                              # a file, a folder or a scene, without a broker
+eigencast-client frames --watch                         # a folder that is being written
 eigencast-client http://localhost:7490/demo             # the stream "demo" of a broker on this machine
 eigencast-client http://host:7490/heart --lod 0.3       # three tenths of the vertices
 eigencast-client http://host:7490/heart --rate raw --playout interpolate
 eigencast-client https://host/heart --token @FILE       # a broker that wants a token
-eigencast-client view horse.obj                         # a file, without a broker
-eigencast-client view frames --watch                    # a folder that is being written
+eigencast-client list http://host:7490                  # the streams of a broker
+eigencast-client view heart                             # a built-in shape: heart, bar, torus, sphere
 eigencast-client --headless --frames 90 --out pictures  # no display needed
 eigencast-client completion bash                        # or zsh: a script for your shell
 )";
 constexpr const char* kExitStatus = R"(0 good
 1 failed: no display, a file that cannot be written
 2 wrong usage
-4 no stream came
+4 no stream came, or the broker said no
 )";
 
 struct RawOptions {
-  std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "clay", colour_map = "viridis",
-              colour_range, rate, scheme, playout = "latest", context;
+  std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "auto", colour_map = "viridis",
+              colour_range, normals = "crease", rate, scheme, playout = "latest", context;
   Credentials credentials;
   int k = 3, bands = 8;
-  double delay_ms = 0, smooth = 1, ahead_ms = 200;
+  double crease_deg = 40, delay_ms = 0, smooth = 1, ahead_ms = 200;
 };
 
 bool size_from_text(const std::string& text, int& width, int& height) {
@@ -62,11 +68,14 @@ bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
 std::string read_style(const RawOptions& raw, Style& style) {
   if (!colour_from_text(raw.colour, style.colour))
     return "--colour " + raw.colour +
-           ": give clay, own, textured, normals, movement, speed, error, or channel:NAME or channel:K with K from 3, "
+           ": give auto, clay, own, textured, normals, movement, speed, error, or channel:NAME or channel:K with K "
+           "from 3, "
            "the first beyond x, y, z";
   const auto map = kColourMapNames.find(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
   style.colour_map = *map;
+  style.normals = kNormalsNames.find(raw.normals).value_or(Normals::kCrease);
+  style.crease_deg = static_cast<float>(raw.crease_deg);
   if (raw.colour_range.empty()) return {};
   float low = 0, high = 0;
   char rest = 0;
@@ -114,7 +123,7 @@ Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::st
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
   const bool nothing = stream.empty() && contexts->find(raw.context) == nullptr && raw.context.empty();
-  const std::string to = nothing ? kDefaultUrl : stream;
+  const std::string to = nothing ? kLocalBroker : stream;
   const auto meant = resolve_target(to, {}, raw.context, *contexts);
   if (!meant) return meant.error();
   const std::string broker = origin_of(meant->url);
@@ -132,28 +141,65 @@ Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::st
   return target;
 }
 
-bool knows_a_broker(const RawOptions& raw) {
-  const auto contexts = Contexts::load(Contexts::default_path());
-  return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
+/// The word's path must be there: its ending says that no stream is meant.
+Result<void> check_stream_word(const std::string& word) {
+  if (word.find("://") != std::string::npos || !kind_of_file(word)) return {};
+  return fail(ErrorCode::kNotFound,
+              word + ": no such file (a stream that ends so is given by its URL, http://HOST:7490/NAME)");
 }
 
-/// Takes the context's by default or, without a window to ask in, kDefaultUrl.
+/// Words that are paths become clips, or the scene that one of them holds.
+Result<void> read_words(SceneDescription& scene) {
+  std::vector<std::string>& words = scene.streams;
+  const bool files_only = !words.empty() && words.front() == "view";
+  if (files_only) words.erase(words.begin());
+  if (files_only && words.empty())
+    return fail(ErrorCode::kInvalidArgument, "view: name a file, a folder, a glob or a built-in shape, such as heart");
+  for (std::string& word : words) {
+    const Wanted wanted = files_only ? Wanted{Wanted::Kind::kClip, "file:" + word} : wanted_from_word(word);
+    if (wanted.kind == Wanted::Kind::kScene && words.size() > 1)
+      return fail(ErrorCode::kInvalidArgument, word + ": a scene file names all streams; give it alone");
+    if (wanted.kind == Wanted::Kind::kScene) return store(scene, read_scene_file(wanted.what));
+    if (wanted.kind == Wanted::Kind::kClip) word = wanted.what;
+    if (wanted.kind != Wanted::Kind::kStream) continue;
+    if (const auto good = check_stream_word(word); !good) return good;
+  }
+  return {};
+}
+
+/// "list", and a broker: by its URL, or that of the context, or this machine's.
+Result<void> find_listed(const RawOptions& raw, ClientOptions& options) {
+  const std::vector<std::string> words = std::exchange(options.scene.streams, {});
+  if (words.size() > 2) return fail(ErrorCode::kInvalidArgument, "list: name one broker, such as http://host:7490");
+  options.list = true;
+  std::string home, url;
+  if (words.size() == 2) {
+    const auto broker = parse_broker_url(words[1]);
+    if (!broker) return broker.error();
+    url = words[1].find("://") != std::string::npos ? words[1] : broker->origin() + "/" + broker->stream;
+  }
+  return store(options.home, resolve(url, raw, home));
+}
+
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
+  if (!scene.streams.empty() && scene.streams.front() == "list") return find_listed(raw, options);
   if (!raw.scene.empty()) {
     if (!scene.streams.empty())
       return fail(ErrorCode::kInvalidArgument, "--scene names the streams; leave those of the command line out");
     if (const auto read = store(scene, read_scene_file(raw.scene)); !read) return read;
+  } else if (const auto read = read_words(scene); !read) {
+    return read;
   }
-  if (!scene.streams.empty() && scene.streams.front() == "view") {
-    scene.streams.erase(scene.streams.begin());
-    if (scene.streams.empty())
-      return fail(ErrorCode::kInvalidArgument,
-                  "view: name a file, a folder, a glob or a built-in shape, such as heart");
-    for (std::string& stream : scene.streams) stream = "file:" + stream;
-  }
-  if (scene.streams.empty() && (options.headless || knows_a_broker(raw))) scene.streams = {""};
   std::string home;
+  if (scene.streams.empty()) {
+    if (const auto found = store(options.home, resolve("", raw, home)); !found) return found;
+    const auto url = parse_broker_url(options.home.url);
+    if (!url || url->stream.empty()) return {};
+    scene.streams = {options.home.url};
+    options.credentials = {options.home.credentials};
+    return {};
+  }
   for (std::string& stream : scene.streams) {
     Target target{stream, {}};
     if (!clip_in(stream)) {
@@ -161,6 +207,57 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
     }
     stream = target.url;
     options.credentials.push_back(target.credentials);
+  }
+  return {};
+}
+
+/// An option that would do nothing where it stands.
+Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const ClientOptions& options) {
+  const auto& streams = options.scene.streams;
+  const bool files_only = !streams.empty() && std::all_of(streams.begin(), streams.end(), [](const std::string& each) {
+    return clip_in(each).has_value();
+  });
+  const bool no_files = !streams.empty() && std::none_of(streams.begin(), streams.end(), [](const std::string& each) {
+    return clip_in(each).has_value();
+  });
+  const Colouring colouring = options.style.colour.colouring;
+  const bool numbers = colouring == Colouring::kMovement || colouring == Colouring::kSpeed ||
+                       colouring == Colouring::kChannel || colouring == Colouring::kError;
+  const bool endless = options.frames == 0 && options.turntable == 0;
+  constexpr const char* kOfBrokers = "is for streams of brokers; files are read here";
+  const struct {
+    std::vector<const char*> options;
+    bool useless;
+    const char* why;
+  } uses[] = {
+      {{"--watch"}, options.headless, "is for the window; headless a file is read once"},
+      {{"--watch"}, no_files, "is for files; a stream follows its sender anyway"},
+      {{"--settings"}, options.headless, "is what the window remembers; --headless remembers nothing"},
+      {{"--out"}, !options.headless, "is for --headless; in the window use --screenshot or key S"},
+      {{"--hud", "--wait", "--first"}, !options.headless, "is for --headless"},
+      {{"--first"}, endless, "goes with --frames"},
+      {{"--ui-scale"}, options.headless && !options.hud, "sizes texts, of which --headless has none without --hud"},
+      {{"--target-fps", "--lod-floor"},
+       options.headless && options.levels.kind == ResolverKind::kNone,
+       "goes with --resolver budget or paper"},
+      {{"--colour-map", "--colour-range", "--truth"},
+       options.headless && !numbers,
+       "goes with --colour movement, speed, channel or error"},
+      {{"--rate", "--scheme", "--k", "--bands", "--ca", "--cert", "--key", "--insecure", "--memory"},
+       files_only,
+       kOfBrokers},
+      {{"--smooth", "--delay", "--ahead"},
+       raw.playout == "latest",
+       "is for --playout interpolate or estimate; latest holds nothing back"},
+      {{"--ahead"}, raw.playout == "interpolate", "is for --playout estimate"},
+      {{"--crease"}, raw.normals != "crease", "is for --normals crease"},
+      {{"--view"}, !options.camera_path.empty(), "is overridden by --camera-path"},
+      {{"--scene", "--headless", "--frames", "--out", "--lod", "--colour"}, options.list, "does nothing for list"}};
+  for (const auto& use : uses) {
+    for (const char* option : use.options) {
+      if (use.useless && line.has(option))
+        return fail(ErrorCode::kInvalidArgument, std::string(option) + " " + use.why);
+    }
   }
   return {};
 }
@@ -182,95 +279,118 @@ std::optional<ExitNow> write_completion(const CLI::App& app, const std::vector<s
 using Choices = std::vector<std::string>;
 using Range = OptionEntry::Range;
 
-std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
+struct OptionGroup {
+  const char* name;
+  std::vector<OptionEntry> entries;
+};
+
+std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
   return {
-      {"streams",
-       &options.scene.streams,
-       "http://host[:port]/stream (https:// for TLS; http://a,b/stream: the brokers a and b of a cluster in turn), or "
-       "streams at the context's broker; or, after the word view, files, folders, globs or built-in shapes, which are "
-       "baked and played here without a broker",
-       {},
-       false,
-       "EIGENCAST_URL"},
-      {"--scene", &raw.scene, "a JSON file that says which streams are where (client/README.md)"},
-      {"--context",
-       &raw.context,
-       "broker by name, see eigencast-sender context (default: the current one)",
-       {},
-       false,
-       "EIGENCAST_CONTEXT"},
-      {"--headless", &options.headless, "no window: render into memory, no display needed"},
-      {"--frames", &options.frames, "end after so many new poses were drawn (0: never)"},
-      {"--duration", &options.duration_s, "end after so many seconds (0: never)", Range{0, 1e7}},
-      {"--out", &options.out, "headless: folder for frame_0001.png ... and report.json"},
-      {"--size", &raw.size, "width x height in pixels", {}, true},
-      {"--lod", &options.view_options.lod, "level of detail: fraction of the vertices, 0..1", Range{0, 1}},
-      {"--resolver", &raw.resolver,
-       "what chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, none "
-       "(default headless)",
-       Choices{"budget", "paper", "none"}},
-      {"--target-fps", &options.levels.target_fps,
-       "pictures a second that the resolver holds (default: the display's, headless 60)", Range{1, 1000}},
-      {"--lod-floor", &options.levels.floor, "smallest part of its vertices that a surface keeps", Range{0, 1}, true},
-      {"--reconstruct", &raw.reconstruct,
-       "what rebuilds surfaces from their coefficients: the processor, the GPU, or the quicker one when the program "
-       "starts",
-       Choices{"auto", "cpu", "gpu"}, true},
-      {"--camera-path", &options.camera_path,
-       "a JSON file that moves the camera (client/README.md); headless it says how long the flight takes"},
-      {"--rate", &raw.rate, "poses that the broker sends", Choices{"raw", "interpolated", "estimated"}},
-      {"--scheme", &raw.scheme,
-       "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)",
-       Choices{"catmull-rom", "damped", "hermite", "linear"}},
-      {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
-      {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
-      {"--playout", &raw.playout, "poses between arrivals: the latest one, or made by this program",
-       Choices{"latest", "interpolate", "estimate"}, true},
-      {"--smooth", &raw.smooth,
-       "how long --playout interpolate or estimate holds poses: 0 live, 1 smooth: an interval and the jitter (default: "
-       "1 of interpolate, 0 of estimate)",
-       Range{0, 1}},
-      {"--delay", &raw.delay_ms, "hold them for just so many ms; 0 follows the stream", Range{0, 10'000}, true},
-      {"--ahead", &raw.ahead_ms, "ms after which --playout estimate stops and holds the pose", Range{0, 10'000}, true},
-      {"--view", &options.view, "first view", Choices{"iso", "front", "back", "left", "right", "top", "bottom"}},
-      {"--colour",
-       &raw.colour,
-       "what the surfaces' colours say: clay, own (those of the file), textured, normals, movement (from the rest "
-       "pose), speed, channel:NAME or channel:K (a scalar of the stream), error (against the truth)",
-       {},
-       true},
-      {"--colour-map", &raw.colour_map, "colours of numbers",
-       Choices{"viridis", "cividis", "coolwarm", "turbo", "grey"}, true},
-      {"--colour-range", &raw.colour_range,
-       "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)"},
-      {"--truth", &options.truth,
-       "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
-       "played here are their own"},
-      {"--watch", &options.watch, "in the window: files that are played here are read again when they change"},
-      {"--edges", &options.style.edges, "draw the triangles' edges"},
-      {"--wireframe", &options.style.wireframe, "draw edges only"},
-      {"--points", &options.style.points, "draw vertices as points"},
-      {"--transparent", &options.style.transparent, "pictures without a background"},
-      {"--hud", &options.hud, "headless: draw the figures and the colours' legend into the pictures too"},
-      {"--json,--report", &options.json, "write the report to this file at the end"},
-      {"--record", &options.record, "write every received pose to this file, one JSON object a line"},
-      {"--record-shown", &options.record_shown,
-       "write what each picture shows, and when, to this file, one JSON object a line"},
-      {"--screenshot", &options.screenshot, "write the last picture to this PNG file at the end"},
-      {"--turntable", &options.turntable, "headless: so many pictures, once round the scene, then end"},
-      {"--ui-scale", &options.ui_scale, "size of texts, panels and lines (default: the display's)", Range{0.5, 8}},
-      {"--settings", &options.settings,
-       "file in which the window remembers its size and switches; \"\": nowhere (default: "
-       "~/.config/eigencast/viewer.json)"},
-      {"--wait", &options.wait_s, "headless: seconds to wait for the first pose", Range{0, 1e7}, true},
-      {"--cache", &options.cache_dir,
-       "folder for downloaded models, up to $EIGENCAST_CACHE_BYTES (4 GiB); \"\" keeps none (default: "
-       "~/.cache/eigencast)"},
-      {"--memory", &options.memory_mb,
-       "memory that surfaces and textures from brokers may take in all, in MB; larger ones are refused (default: three "
-       "quarters of what is free)",
-       Range{0, 1e9}},
-      {"-v,--verbose", &options.verbose, "log more"}};
+      {"What to show",
+       {{"streams",
+         &options.scene.streams,
+         "files, folders and scene files; or http://host[:port]/stream (https:// for TLS; http://a,b/stream: the "
+         "brokers a and b of a cluster in turn); or streams at the context's broker; after the word view, globs and "
+         "built-in "
+         "shapes, "
+         "too; or list and a broker",
+         {},
+         false,
+         "EIGENCAST_URL"},
+        {"--scene", &raw.scene, "a JSON file that says which streams are where (client/README.md)"},
+        {"--truth", &options.truth,
+         "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
+         "played here are their own"},
+        {"--watch", &options.watch, "in the window: files that are played here are read again when they change"}}},
+      {"Connection",
+       {{"--context",
+         &raw.context,
+         "broker by name, see eigencast-sender context (default: the current one)",
+         {},
+         false,
+         "EIGENCAST_CONTEXT"},
+        {"--rate", &raw.rate, "poses that the broker sends", Choices{"raw", "interpolated", "estimated"}},
+        {"--scheme", &raw.scheme,
+         "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)",
+         Choices{"catmull-rom", "damped", "hermite", "linear"}},
+        {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
+        {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
+        {"--cache", &options.cache_dir,
+         "folder for downloaded models, up to $EIGENCAST_CACHE_BYTES (4 GiB); \"\" keeps none (default: "
+         "~/.cache/eigencast)"},
+        {"--memory", &options.memory_mb,
+         "memory that surfaces and textures from brokers may take in all, in MB; larger ones are refused (default: "
+         "three quarters of what is free)",
+         Range{0, 1e9}}}},
+      {"Picture",
+       {{"--size", &raw.size, "width x height in pixels", {}, true},
+        {"--view", &options.view, "first view", Choices{"iso", "front", "back", "left", "right", "top", "bottom"}},
+        {"--camera-path", &options.camera_path,
+         "a JSON file that moves the camera (client/README.md); headless it says how long the flight takes"},
+        {"--colour",
+         &raw.colour,
+         "what the surfaces' colours say: auto (the texture or colours that they bring, else clay), clay, own (those "
+         "of the file), textured, normals, movement (from the rest pose), speed, channel:NAME or channel:K (a scalar "
+         "of the stream), error (against the truth)",
+         {},
+         true},
+        {"--colour-map", &raw.colour_map, "colours of numbers",
+         Choices{"viridis", "cividis", "coolwarm", "turbo", "grey"}, true},
+        {"--colour-range", &raw.colour_range,
+         "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)"},
+        {"--normals", &raw.normals,
+         "flat: each face by itself; crease: smooth but along edges that bend by --crease or more; smooth",
+         Choices{"flat", "crease", "smooth"}, true},
+        {"--crease", &raw.crease_deg, "degrees", Range{1, 180}, true},
+        {"--edges", &options.style.edges, "draw the triangles' edges"},
+        {"--wireframe", &options.style.wireframe, "draw edges only"},
+        {"--points", &options.style.points, "draw vertices as points"},
+        {"--transparent", &options.style.transparent, "pictures without a background"},
+        {"--ui-scale", &options.ui_scale, "size of texts, panels and lines (default: the display's)", Range{0.5, 8}},
+        {"--settings", &options.settings,
+         "file in which the window remembers its size and switches; \"\": nowhere (default: "
+         "~/.config/eigencast/viewer.json)"}}},
+      {"Detail",
+       {{"--lod", &options.view_options.lod, "level of detail: fraction of the vertices, 0..1", Range{0, 1}},
+        {"--resolver", &raw.resolver,
+         "what chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, none "
+         "(default headless)",
+         Choices{"budget", "paper", "none"}},
+        {"--target-fps", &options.levels.target_fps,
+         "pictures a second that the resolver holds (default: the display's, headless 60)", Range{1, 1000}},
+        {"--lod-floor", &options.levels.floor, "smallest part of its vertices that a surface keeps", Range{0, 1}, true},
+        {"--reconstruct", &raw.reconstruct,
+         "what rebuilds surfaces from their coefficients: the processor, the GPU, or the quicker one when the program "
+         "starts",
+         Choices{"auto", "cpu", "gpu"}, true}}},
+      {"Motion between arrivals",
+       {{"--playout", &raw.playout, "poses between arrivals: the latest one, or made by this program",
+         Choices{"latest", "interpolate", "estimate"}, true},
+        {"--smooth", &raw.smooth,
+         "how long --playout interpolate or estimate holds poses: 0 live, 1 smooth: an interval and the jitter "
+         "(default: 1 of interpolate, 0 of estimate)",
+         Range{0, 1}},
+        {"--delay", &raw.delay_ms, "hold them for just so many ms; 0 follows the stream", Range{0, 10'000}, true},
+        {"--ahead", &raw.ahead_ms, "ms after which --playout estimate stops and holds the pose", Range{0, 10'000},
+         true}}},
+      {"Without a window",
+       {{"--headless", &options.headless, "no window: render into memory, no display needed"},
+        {"--out", &options.out, "headless: folder for frame_0001.png ... and report.json"},
+        {"--turntable", &options.turntable, "headless: so many pictures, once round the scene, then end"},
+        {"--hud", &options.hud, "headless: draw the figures and the colours' legend into the pictures too"},
+        {"--wait", &options.wait_s, "seconds without any news after which it gives up before the first picture",
+         Range{0, 1e7}, true},
+        {"--first", &options.first,
+         "count pictures before the whole surface has come (default: --frames waits for it)"}}},
+      {"End and results",
+       {{"--frames", &options.frames, "end after so many new poses were drawn (0: never)"},
+        {"--duration", &options.duration_s, "end after so many seconds (0: never)", Range{0, 1e7}},
+        {"--screenshot", &options.screenshot, "write the last picture to this PNG file at the end"},
+        {"--json,--report", &options.json, "write the report to this file at the end"},
+        {"--record", &options.record, "write every received pose to this file, one JSON object a line"},
+        {"--record-shown", &options.record_shown,
+         "write what each picture shows, and when, to this file, one JSON object a line"},
+        {"-v,--verbose", &options.verbose, "log more"}}}};
 }
 
 Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOptions& options) {
@@ -280,14 +400,12 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (const std::string complaint = read_style(raw, options.style); !complaint.empty()) return wrong(complaint);
   options.size_given = line.has("--size");
   options.resolver_given = line.has("--resolver");
-  for (const char* of_style : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
+  for (const char* of_style :
+       {"--edges", "--wireframe", "--points", "--transparent", "--colour-map", "--normals", "--crease"})
     options.style_given |= line.has(of_style);
-  if (options.headless && options.watch) return wrong("--watch is for the window; headless a file is read once");
-  if (!options.headless && !options.out.empty())
-    return wrong("--out is for --headless; in the window use --screenshot or key S");
   if (const Result<void> found = find_streams(raw, options); !found) return found;
   std::vector<std::string> asked = options.scene.streams;
-  if (asked.empty()) asked = {kDefaultUrl};  // for streams that the window opens
+  if (asked.empty()) asked = {kLocalBroker};  // for streams that the window opens
   for (const std::string& stream : asked) {
     if (clip_in(stream)) continue;
     Result<std::optional<Profile>> profile = profile_from(line, stream, raw);
@@ -299,10 +417,9 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   options.reconstruct = kRebuildOnNames.find(raw.reconstruct).value_or(RebuildOn::kAuto);
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && !line.has("--target-fps");
+  if (const Result<void> used = check_uses(line, raw, options); !used) return used;
   const bool has_delay = line.has("--smooth") || line.has("--delay") || line.has("--ahead");
   options.playout_given = has_delay || line.has("--playout");
-  if (raw.playout == "latest" && has_delay)
-    return wrong("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
   if (line.has("--smooth") && line.has("--delay"))
     return wrong("--smooth and --delay both say how long poses are held back; give one of them");
   PlayoutSettings& playout = options.view_options.playout;
@@ -320,17 +437,16 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   RawOptions raw;
   options.cache_dir = default_cache_dir();
   options.settings = Settings::default_path();
-  CommandLine line("eigencast-client", "Watches a deforming surface that a broker streams.", EIGENCAST_VERSION);
+  CommandLine line("eigencast-client", "Shows surfaces that move: streams of brokers, and files.", EIGENCAST_VERSION);
   line.set_footer("examples:\n" + std::string(kExamples) + "in the window, H shows the keys\n\nexit status:\n" +
                   kExitStatus);
-  const std::vector<OptionEntry> entries = entries_for(options, raw);
-  constexpr std::size_t kBeforeCredentials = 3;
-  line.add(std::span(entries).first(kBeforeCredentials));
-  add_credential_options(line.app(), raw.credentials);
+  for (const OptionGroup& group : groups_for(options, raw)) {
+    line.add(group.entries, group.name);
+    if (group.name == std::string_view("What to show")) add_credential_options(line.app(), raw.credentials);
+  }
   line.amend("--token",
              "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other",
              "EIGENCAST_TOKEN");
-  line.add(std::span(entries).subspan(kBeforeCredentials));
   if (const std::optional<bool> was_help = line.parse(argc, argv)) return ExitNow{*was_help ? kExitGood : kExitUsage};
   if (const auto documents = write_completion(line.app(), options.scene.streams)) return *documents;
   if (const std::string fault = fault_of_numbers(line.app()); !fault.empty()) return usage(fault);

@@ -11,14 +11,17 @@
 #include "common/command_line/command_line.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
+#include "sdk/contexts.h"
 #include "view/rebuild.h"
 #include "view/style.h"
 
 namespace eigencast {
 
 struct ClientOptions {
-  SceneDescription scene;                ///< With resolved streams; none: the window asks what to show.
+  SceneDescription scene;                ///< With resolved streams; none: see `home`.
   std::vector<Credentials> credentials;  ///< One for each stream.
+  Target home;                           ///< Without streams: the broker whose one live stream is meant.
+  bool list = false;                     ///< List the streams of `home` instead.
   std::optional<Profile> profile;        ///< Default: the URL's query.
   SceneOptions view_options;
   LevelSettings levels;
@@ -30,8 +33,9 @@ struct ClientOptions {
   int width = 1280, height = 720;
   bool headless = false, hud = false;
   std::uint64_t frames = 0;  ///< 0: no limit
+  bool first = false;        ///< Headless: pictures before the whole surface has come count.
   double duration_s = 0;     ///< 0: no limit
-  double wait_s = 30;        ///< Headless: how long to wait for the first pose.
+  double wait_s = 30;        ///< Headless: how long to wait before the first picture while nothing comes.
   std::string out, json, record, record_shown, screenshot;
   bool watch = false;    ///< Changed files are read again.
   std::string truth;     ///< The clip that the streams play; may be empty.

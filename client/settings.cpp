@@ -71,6 +71,7 @@ Result<Settings> Settings::load(const std::string& path) {
   read_bool(all, "panel", settings.panel);
   if (const auto style = all.find("style"); style != all.end() && style->is_object()) {
     for (const auto& [name, member] : kStyleFlags) read_bool(*style, name, settings.style.*member);
+    settings.style.normals = read_named(*style, "normals", kNormalsNames).value_or(settings.style.normals);
     settings.style.colour_map = read_named(*style, "colour_map", kColourMapNames).value_or(settings.style.colour_map);
   }
   settings.resolver = read_named(all, "resolver", kResolverNames);
@@ -92,6 +93,7 @@ Result<void> Settings::save(const std::string& path) const {
   if (playout) all["motion"] = kPlayoutNames[*playout];
   if (smoothness) all["smoothness"] = *smoothness;
   for (const auto& [name, member] : kStyleFlags) all["style"][name] = style.*member;
+  all["style"]["normals"] = kNormalsNames[style.normals];
   all["style"]["colour_map"] = kColourMapNames[style.colour_map];
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
 }

@@ -39,7 +39,7 @@ void change_playout(PlayoutSettings& playout) {
 }
 
 constexpr Modifiers kShift{true, false}, kControl{false, true};
-constexpr std::array<KeyCommand, 27> kCommands{
+constexpr std::array<KeyCommand, 28> kCommands{
     {{"R Home", [](const KeyTarget& on) { on.camera.home(); }},
      {"H F1", [](const KeyTarget& on) { toggle(on.state.help); }},
      {"X", [](const KeyTarget& on) { toggle(on.state.style.axes); }},
@@ -47,6 +47,7 @@ constexpr std::array<KeyCommand, 27> kCommands{
      {"E", [](const KeyTarget& on) { toggle(on.state.style.edges); }},
      {"P", [](const KeyTarget& on) { toggle(on.state.style.points); }},
      {"W", [](const KeyTarget& on) { toggle(on.state.style.wireframe); }},
+     {"N", [](const KeyTarget& on) { on.state.style.normals = next_of(on.state.style.normals, 3); }},
      {"V", [](const KeyTarget& on) { ++on.state.colourings_on; }},
      {"C", [](const KeyTarget& on) { on.state.style.colour_map = next_of(on.state.style.colour_map, kColourMaps); }},
      {"B", [](const KeyTarget& on) { toggle(on.state.style.legend); }},
@@ -130,6 +131,7 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
       {"V", "what colours say", title_of(state.style.colour)},
       {"C", "colour map", std::string(kColourMapNames[state.style.colour_map])},
       {"B", "its legend", on_off(state.style.legend)},
+      {"N", "normals", std::string(kNormalsNames[state.style.normals])},
       {"E", "edges", on_off(state.style.edges)},
       {"W", "wireframe", on_off(state.style.wireframe)},
       {"P", "points", on_off(state.style.points)},

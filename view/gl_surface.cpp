@@ -15,7 +15,7 @@ namespace eigencast {
 
 namespace {
 
-constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3;
+constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3, kCrease = 5;  // 4 is taken in the browser
 
 void set_array(GLuint number, GLuint buffer, GLint floats, GLsizei stride) {
   glBindBuffer(GL_ARRAY_BUFFER, buffer);
@@ -32,9 +32,11 @@ constexpr const char* kGeometry = R"(#version 330 core
 layout(triangles) in;
 layout(triangle_strip, max_vertices = 3) out;
 in vec3 vertex_at[], vertex_normal[], vertex_painted[];
+in float vertex_hard[];
 uniform usamplerBuffer corners;
 uniform samplerBuffer uvs;
 out vec3 at, scene_normal, corner_painted;
+out float hard;
 out vec2 uv;
 flat out int in_image;
 void main() {
@@ -49,6 +51,7 @@ void main() {
     at = vertex_at[k];
     scene_normal = vertex_normal[k];
     corner_painted = vertex_painted[k];
+    hard = vertex_hard[k];
     uv = corner_uv[k];
     in_image = all;
     gl_Position = gl_in[k].gl_Position;
@@ -72,7 +75,8 @@ vec3 own_paint() {
 std::string renamed(const std::string& vertex) {
   const std::size_t after_version = vertex.find('\n') + 1;
   return vertex.substr(0, after_version) +
-         "#define at vertex_at\n#define scene_normal vertex_normal\n#define painted vertex_painted\n" +
+         "#define at vertex_at\n#define scene_normal vertex_normal\n#define painted vertex_painted\n#define hard "
+         "vertex_hard\n" +
          vertex.substr(after_version);
 }
 
@@ -127,6 +131,7 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
   const bool other_maker = std::exchange(maker_, geometry.maker) != geometry.maker;
   const bool other_gpu = std::exchange(gpu_, geometry.gpu.get()) != geometry.gpu.get();
   if (other_maker || other_gpu) pose_version_ = level_version_ = topology_version_ = 0;
+  if (other_maker) crease_version_ = 0;
   is_point_cloud_ = geometry.is_point_cloud;
   spacing_ = geometry.point_spacing;
   glBindVertexArray(array_.id());
@@ -134,6 +139,7 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
   if (std::exchange(level_version_, geometry.level_version) != geometry.level_version) take_radii(geometry);
   if (std::exchange(topology_version_, geometry.topology_version) != geometry.topology_version)
     take_triangles(geometry);
+  if (std::exchange(crease_version_, geometry.crease_version) != geometry.crease_version) take_creases(geometry);
 }
 
 void GlSurface::take_pose(const SurfaceGeometry& geometry) {
@@ -163,6 +169,14 @@ void GlSurface::take_triangles(const SurfaceGeometry& geometry) {
   const GlTriangles& triangles = geometry.gpu ? geometry.gpu->triangles : triangles_;
   index_count_ = triangles.count();
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles.buffer());
+}
+
+void GlSurface::take_creases(const SurfaceGeometry& geometry) {
+  glDisableVertexAttribArray(kCrease);
+  glVertexAttrib1f(kCrease, 0);
+  if (geometry.creases.empty()) return;
+  creases_.replace(std::span<const float>(geometry.creases));
+  set_array(kCrease, creases_.id(), 1, 0);
 }
 
 void GlSurface::paint(const SurfacePaint& paint) {

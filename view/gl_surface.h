@@ -87,14 +87,16 @@ class GlSurface final {
   void take_pose(const SurfaceGeometry& geometry);
   void take_radii(const SurfaceGeometry& geometry);
   void take_triangles(const SurfaceGeometry& geometry);
+  void take_creases(const SurfaceGeometry& geometry);
 
   GlArray array_;
-  GlBuffer positions_, normals_, values_, radii_;
+  GlBuffer positions_, normals_, values_, radii_, creases_;
   GlTriangles triangles_;
   std::unique_ptr<GlTexturePaint> texture_;
   GLsizei vertex_count_ = 0, index_count_ = 0;
   const GpuSurface* gpu_ = nullptr;  ///< Owner of the bound arrays, for comparison only; null: this.
-  std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0;
+  std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0,
+                crease_version_ = 0;
   int paint_ = 0;  ///< Mode of shaders::kPaint.
   bool is_point_cloud_ = false, has_discs_ = false;
   float spacing_ = 0, scale_ = 1;

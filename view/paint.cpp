@@ -41,8 +41,9 @@ std::uint32_t scalar_channels(const PoseSource& source) {
 void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, const Wish& wish) {
   const std::uint64_t pose = view.geometry().pose_version;
   // What was refused may have become possible, such as a truth that was being prepared.
-  if (pose == seen_pose_ && wish == wish_ && why_not_.empty()) return;
-  const bool settled = wish == wish_ && why_not_.empty() && seen_level_ == view.level_version();
+  const bool done = wish == wish_ && why_not_.empty() && !more_comes_;
+  if (pose == seen_pose_ && done) return;
+  const bool settled = done && seen_level_ == view.level_version();
   // Colours that do not depend on the pose.
   const bool still = paint_.kind == SurfacePaint::Kind::kColour || paint_.kind == SurfacePaint::Kind::kTexture;
   if (settled && still) return;
@@ -51,6 +52,7 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   wish_ = wish;
   seen_pose_ = pose;
   why_not_.clear();
+  more_comes_ = false;
   if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) return;
   if (is_new) before_time_.reset();
   waiting_ = false;
@@ -69,6 +71,10 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
   paint_.kind = SurfacePaint::Kind::kScalar;
   scalar_.reset();
   switch (wish.colouring) {
+    case Colouring::kAuto:
+      more_comes_ = !asset->complete();
+      if (asset->texture) return fill_textured(view, *asset);
+      return asset->colours.size() >= N ? fill_own(view, *asset) : refuse("");
     case Colouring::kClay:
       return refuse("");
     case Colouring::kNormals:
@@ -187,7 +193,7 @@ void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& sourc
 }
 
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
-  std::vector<SurfacePainter::Wish> wishes{{Colouring::kClay, 3}};
+  std::vector<SurfacePainter::Wish> wishes{{Colouring::kAuto, 3}, {Colouring::kClay, 3}};
   if (source.asset() != nullptr && !source.asset()->colours.empty()) wishes.push_back({Colouring::kOwn, 3});
   if (source.asset() != nullptr && source.asset()->texture) wishes.push_back({Colouring::kTextured, 3});
   if (source.asset() == nullptr || !source.asset()->is_point_cloud()) wishes.push_back({Colouring::kNormals, 3});
@@ -202,8 +208,9 @@ std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
 }
 
 std::string title_of(const SurfacePainter::Wish& wish) {
-  constexpr std::array<const char*, 8> kTitles{
-      "clay", "its own colours", "its texture", "normals", "movement from rest", "speed", "channel ", "error"};
+  constexpr std::array<const char*, 9> kTitles{"automatic",   "clay",     "its own colours",
+                                               "its texture", "normals",  "movement from rest",
+                                               "speed",       "channel ", "error"};
   const std::string title = kTitles[static_cast<std::size_t>(wish.colouring)];
   if (wish.colouring != Colouring::kChannel) return title;
   return wish.scalar.empty() ? title + std::to_string(wish.channel) : wish.scalar;

@@ -17,12 +17,12 @@
 
 namespace eigencast {
 
-/// What colours mean; kOwn: the file's vertex colours.
-enum class Colouring { kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
+/// What colours mean; kAuto: the surface's texture, else its own colours, else clay; kOwn: the file's vertex colours.
+enum class Colouring { kAuto, kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
 
 /// Named as --colour takes them.
-inline constexpr EnumNames<Colouring, 8> kColouringNames{
-    {"clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
+inline constexpr EnumNames<Colouring, 9> kColouringNames{
+    {"auto", "clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
 
 struct SurfacePaint {
   enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };
@@ -38,7 +38,7 @@ struct SurfacePaint {
 class SurfacePainter {
  public:
   struct Wish {
-    Colouring colouring = Colouring::kClay;
+    Colouring colouring = Colouring::kAuto;
     std::uint32_t channel = 3;  ///< kChannel only.
     std::string scalar{};       ///< kChannel: its name instead, where the stream has names; empty: none.
     bool operator==(const Wish&) const = default;
@@ -75,6 +75,7 @@ class SurfacePainter {
   std::optional<ScalarChannel> scalar_;
   std::string why_not_;
   bool waiting_ = false;
+  bool more_comes_ = false;  ///< kAuto: the surface is not complete.
   Decode decode_ = Decode::kNow;
   int max_side_ = kMaxTextureSide;
   // The previous pose, for streams without velocities.

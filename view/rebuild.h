@@ -31,6 +31,8 @@ struct SurfaceGeometry {
   std::uint64_t topology_version = 0;    ///< For triangles.
   /// For each block of LevelTriangles::kBlock indices the topology_version of its last change; empty: unknown.
   std::vector<std::uint64_t> triangle_blocks;
+  std::vector<float> creases;  ///< crease_angles() of the rest pose, of all vertices; empty: smooth everywhere.
+  std::uint64_t crease_version = 0;
   bool is_point_cloud = false;
   float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.
 

@@ -13,6 +13,15 @@
 #include "view/surroundings.h"
 
 namespace eigencast {
+namespace {
+
+/// For the shader of meshes.
+float crease_from(const DrawStyle& style) {
+  return style.normals == Normals::kFlat ? -1 : style.normals == Normals::kSmooth ? 0 : style.crease_deg / 57.2957795F;
+}
+
+}  // namespace
+
 class Renderer::Impl {
  public:
   Result<void> init() {
@@ -92,6 +101,7 @@ class Renderer::Impl {
     for (const GlProgram* program : {&mesh_, &textured_, &splat_}) {
       lighting_.light(*program, camera);
       program->set("colour_table", 1);
+      program->set("crease_from", crease_from(options));
       program->set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
     }
     // Only under lines: the slope term would let back faces shine through along the silhouette.

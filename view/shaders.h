@@ -106,11 +106,15 @@ inline constexpr const char* kMeshVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 vertex_paint;
+layout(location = 5) in float crease;
 uniform mat4 scene_from_surface, clip_from_scene;
 uniform mat3 scene_from_normal;
+uniform float crease_from;  // radians: vertices of sharper edges have their faces' normals; 0: none, below: all
 out vec3 at, scene_normal, painted;
+out float hard;
 void main() {
   painted = vertex_paint;
+  hard = crease_from < 0.0 || (crease_from > 0.0 && crease >= crease_from) ? 1.0 : 0.0;
   at = (scene_from_surface * vec4(position, 1.0)).xyz;
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   gl_Position = clip_from_scene * vec4(at, 1.0);
@@ -121,12 +125,14 @@ vec3 own_paint() { return painted; }
 )";
 inline constexpr const char* kMeshFragment = R"(
 in vec3 at, scene_normal;
+in float hard;
 uniform float normal_offset;
 out vec4 colour;
 void main() {
-  vec3 n = scene_normal;
-  if (dot(n, n) < 1e-12) n = cross(dFdx(at), dFdy(at));
+  vec3 n = scene_normal, face = cross(dFdx(at), dFdy(at));
+  if (dot(n, n) < 1e-12) n = face;
   n = normalize(n);
+  if (hard > 0.0 && dot(face, face) > 0.0) n = normalize(mix(n, sign(dot(face, n)) * normalize(face), hard));
   // The eye decides, not the winding, so that mixed orientation looks right.
   bool inside = !gl_FrontFacing;
   if (dot(n, eye - at) < 0.0 && inside) n = -n;

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <glm/common.hpp>
 
+#include "view/creases.h"
+
 namespace eigencast {
 namespace {
 
@@ -229,6 +231,9 @@ void SurfaceView::update_facts(const Asset& asset) {
     facts_.low = glm::min(facts_.low, point);
     facts_.high = glm::max(facts_.high, point);
   }
+  geometry_.creases.clear();
+  if (asset.complete() && asset.faces.size() <= kMaxCreasedFaces) geometry_.creases = crease_angles(asset.faces, rest);
+  ++geometry_.crease_version;
   facts_.up_axis = asset.up_axis;
   ++facts_.version;
   // Mass times basis, over the mass; in the harmonic basis only the constant column.

@@ -68,9 +68,9 @@ class AccessTest : public Operation {
     const bool good = client->wait(kPatience) == 0;
     return good && scene_.received(name).size() >= 5;
   }
-  /// What a client that is not let in says.
-  std::string refusal(const std::string& name, std::vector<std::string> arguments) {
-    arguments.insert(arguments.end(), {"--frames", "5", "--wait", "2"});
+  /// What a client that is not let in says; where that is final at once: nobody waits an hour for it.
+  std::string refusal(const std::string& name, std::vector<std::string> arguments, const char* wait_s = "3600") {
+    arguments.insert(arguments.end(), {"--frames", "5", "--wait", wait_s});
     auto client = scene_.start_client(name, arguments);
     EXPECT_EQ(client->wait(kPatience), 4) << client->output();
     return client->output();

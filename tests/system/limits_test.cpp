@@ -135,7 +135,7 @@ TEST_F(LimitsTest, OneConnectionTooManyIsRefused) {
     return second->read_until("\r\n\r\n").find(" 101 ") != std::string::npos;
   }));
   EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 429 "));
-  EXPECT_THAT(refusal("refused", {}), HasSubstr("per_address.connections"));
+  EXPECT_THAT(refusal("refused", {}, "2"), HasSubstr("per_address.connections"));
 }
 
 TEST_F(LimitsTest, SendersStreamsMessagesAndUploadsAreLimited) {

@@ -221,6 +221,34 @@ class Interpolated : public ::testing::TestWithParam<std::string> {
   static const std::string& codec() { return GetParam(); }
 };
 
+TEST(StreamList, TheOneLiveStreamNeedsNoName) {
+  Scene scene;
+  const auto broker = scene.start_broker();
+  const std::string home = "http://127.0.0.1:" + scene.port();
+  ::setenv("XDG_CONFIG_HOME", scene.file("config").c_str(), 1);
+  ASSERT_EQ(scene.run("context", {"eigencast-sender", "context", "add", "here", home}), 0) << scene.logs();
+  const auto listed = [&](const std::string& name) {
+    EXPECT_EQ(scene.run(name, {"eigencast-client", "list", home, "--json", scene.file(name + ".json")}), 0);
+    return nlohmann::json::parse(std::ifstream(scene.file(name + ".json")));
+  };
+  const std::vector<std::string> nameless{"eigencast-client", "--headless", "--frames", "1",
+                                          "--size",           "160x120",    "--json",   scene.file("shown.json")};
+  EXPECT_TRUE(listed("empty").empty());
+  EXPECT_EQ(scene.run("nobody", nameless), 4);
+  const auto sender = scene.start_sender({"torus", "--rate", "30"});
+  ASSERT_TRUE(eventually([&] { return listed("one").size() == 1 && listed("one")[0]["state"] == "live"; }, kPatience))
+      << scene.logs();
+  EXPECT_EQ(listed("one")[0]["stream"], "live/test");
+  EXPECT_EQ(scene.run("shown", nameless), 0) << scene.logs();
+  EXPECT_EQ(nlohmann::json::parse(std::ifstream(scene.file("shown.json")))["stream"], "live/test");
+  const auto second = scene.start_sender({"sphere", "--rate", "30"}, home + "/live/other");
+  ASSERT_TRUE(eventually([&] { return listed("two").size() == 2; }, kPatience)) << scene.logs();
+  ASSERT_TRUE(eventually([&] { return listed("two")[0]["state"] == listed("two")[1]["state"]; }, kPatience));
+  EXPECT_EQ(scene.run("which", nameless), 4) << "several are live";
+  EXPECT_EQ(scene.run("away", {"eigencast-client", "list", "ws://127.0.0.1:1"}), 4);
+  ::unsetenv("XDG_CONFIG_HOME");
+}
+
 TEST_P(Interpolated, TheRateTriples) {
   Scene scene;
   const auto broker = scene.start_broker();

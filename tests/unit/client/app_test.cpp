@@ -140,6 +140,25 @@ TEST_F(Apps, GpuAndCpuGiveTheSamePictures) {
   EXPECT_LT(testing::mean_difference(last[RebuildOn::kCpu], last[RebuildOn::kGpu]), 0.01);
 }
 
+TEST_F(Apps, FramesWaitForTheWholeSurface) {
+  options_.headless = true;
+  options_.frames = 1;
+  options_.json = path("whole.json");
+  for (const bool first : {false, true}) {
+    options_.first = first;
+    FakeSource source(sphere_asset(3));
+    for (int i = 1; i <= 20; ++i)
+      source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i), 1000 * i, 0.5 + 0.01 * i)});
+    source.asset_.rows_ready = 162;
+    source.on_poll = [&] {
+      if (source.batches.size() == 10) source.asset_.rows_ready = source.asset_.vertex_count;
+    };
+    const std::vector<PoseSource*> alone{&source};
+    ASSERT_EQ(run_headless(options_, alone, stop_, log()), kExitGood) << said_;
+    EXPECT_EQ(json::parse(std::ifstream(options_.json))["lod"]["vertices"], first ? 162 : 642);
+  }
+}
+
 TEST_F(Apps, HeadlessWithoutStreamExitsWithFour) {
   source_.has_asset = false;
   source_.batches.clear();

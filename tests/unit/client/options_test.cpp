@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <fstream>
 
+#include "client/clip_source.h"
 #include "common/net/url.h"
 #include "sdk/contexts.h"
 #include "tests/support/process.h"
@@ -24,7 +26,9 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
     EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless", name, "a.json"})).json, "a.json");
   const auto plain = parsed({"--headless"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
-  EXPECT_EQ(std::get<ClientOptions>(plain).scene.streams.front(), "ws://127.0.0.1:7490/demo");
+  EXPECT_TRUE(std::get<ClientOptions>(plain).scene.streams.empty());
+  EXPECT_EQ(std::get<ClientOptions>(plain).home.url, "ws://127.0.0.1:7490") << "whose one live stream is meant";
+  EXPECT_EQ(std::get<ClientOptions>(plain).style.colour.colouring, Colouring::kAuto);
   EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
   EXPECT_EQ(std::get<ClientOptions>(plain).view_options.playout.delay_us, 0) << "follows the stream";
   const auto asked =
@@ -102,6 +106,85 @@ TEST(Options, ResolverDefaultsToBudgetInTheWindow) {
 TEST(Options, ViewTakesFilesAndShapes) {
   const auto view = std::get<ClientOptions>(parsed({"view", "heart", "a/b.obj", "--lod", "0.5"}));
   EXPECT_EQ(view.scene.streams, (std::vector<std::string>{"file:heart", "file:a/b.obj"}));
+}
+
+TEST(Options, ExistingPathsAreFilesOtherWordsStreams) {
+  const testing::TemporaryFolder folder;
+  const std::string mesh = folder.file("a mesh.obj"), scene = folder.file("s.json");
+  std::ofstream(mesh) << "v 0 0 0\n";
+  std::ofstream(scene) << R"({"surfaces": [{"file": "heart"}, {"stream": "ws://h/a"}]})";
+  const auto streams = [](const std::string& word) {
+    return std::get<ClientOptions>(parsed({word.c_str()})).scene.streams;
+  };
+  using Streams = std::vector<std::string>;
+  EXPECT_EQ(streams(mesh), Streams{"file:" + mesh});
+  EXPECT_EQ(streams(folder.path().string()), Streams{"file:" + folder.path().string()}) << "a folder";
+  EXPECT_EQ(streams(folder.file("*.obj")), Streams{"file:" + folder.file("*.obj")}) << "a glob";
+  EXPECT_EQ(streams("file:" + mesh), Streams{"file:" + mesh});
+  EXPECT_EQ(streams("host/a"), Streams{"host/a"});
+  EXPECT_EQ(streams("host/a?rate=raw"), Streams{"host/a?rate=raw"});
+  EXPECT_EQ(streams("[::1]:7490/a"), Streams{"[::1]:7490/a"});
+  EXPECT_EQ(streams(scene), (Streams{"file:heart", "ws://h/a"}));
+  for (const std::string& missing : {folder.file("none.obj"), std::string("none.ply")})
+    EXPECT_EQ(std::get<ExitNow>(parsed({missing.c_str()})).code, kExitUsage) << missing;
+}
+
+TEST(Options, FileUrlsArePaths) {
+  EXPECT_EQ(clip_in("file:///tmp/a%20b.obj"), "/tmp/a b.obj");
+  EXPECT_EQ(clip_in("file://localhost/tmp/%C3%A4.obj"), "/tmp/\xC3\xA4.obj");
+  EXPECT_EQ(clip_in("file:///a%2"), "/a%2");
+  EXPECT_EQ(clip_in("file:///a%zz%00"), "/a%zz%00") << "not an escape, and no path has a zero byte";
+  EXPECT_EQ(clip_in("file:a%20b.obj"), "a%20b.obj") << "no URL";
+  EXPECT_FALSE(clip_in("http://h/a"));
+}
+
+TEST(Options, ListNamesABroker) {
+  const auto home = [](std::vector<const char*> arguments) {
+    const auto options = std::get<ClientOptions>(parsed(std::move(arguments)));
+    EXPECT_TRUE(options.list);
+    EXPECT_TRUE(options.scene.streams.empty());
+    return parse_broker_url(options.home.url)->origin() + " " + options.home.credentials.token;
+  };
+  EXPECT_EQ(home({"list"}), "ws://127.0.0.1:7490 ");
+  EXPECT_EQ(home({"list", "http://host", "--token", "t"}), "ws://host:80 t");
+  EXPECT_EQ(home({"list", "host"}), "ws://host:7490 ");
+  EXPECT_EQ(home({"list", "host:81/a"}), "ws://host:81 ");
+  for (const auto& wrong : std::vector<std::vector<const char*>>{{"list", "a", "b"}, {"list", "--headless"}})
+    EXPECT_EQ(std::get<ExitNow>(parsed(wrong)).code, kExitUsage);
+}
+
+TEST(Options, OptionsThatWouldDoNothingAreRefused) {
+  const std::vector<std::vector<const char*>> useless{{"--hud"},
+                                                      {"--wait", "3"},
+                                                      {"--first"},
+                                                      {"--headless", "--first"},
+                                                      {"--headless", "--settings", "x"},
+                                                      {"--headless", "--ui-scale", "2"},
+                                                      {"--headless", "--lod-floor", "0.1"},
+                                                      {"--headless", "--colour-map", "grey"},
+                                                      {"--headless", "--colour", "own", "--colour-range", "0,1"},
+                                                      {"--headless", "--truth", "heart"},
+                                                      {"ws://h/a", "--watch"},
+                                                      {"view", "heart", "--rate", "raw"},
+                                                      {"view", "heart", "--bands", "2"},
+                                                      {"view", "heart", "--insecure"},
+                                                      {"view", "heart", "--memory", "100"},
+                                                      {"--playout", "interpolate", "--ahead", "9"},
+                                                      {"--camera-path", "x.json", "--view", "top"}};
+  for (const auto& arguments : useless) {
+    const auto result = parsed(arguments);
+    ASSERT_TRUE(std::holds_alternative<ExitNow>(result)) << arguments.back();
+    EXPECT_EQ(std::get<ExitNow>(result).code, kExitUsage) << arguments.back();
+  }
+  const std::vector<std::vector<const char*>> useful{
+      {"--headless", "--frames", "1", "--first", "--hud", "--ui-scale", "2", "--wait", "3"},
+      {"--headless", "--resolver", "budget", "--lod-floor", "0.1"},
+      {"--headless", "--colour", "speed", "--colour-map", "grey"},
+      {"--colour-map", "grey", "--settings", ""},
+      {"view", "heart", "--watch"},
+      {"--playout", "estimate", "--ahead", "9"}};
+  for (const auto& arguments : useful)
+    EXPECT_TRUE(std::holds_alternative<ClientOptions>(parsed(arguments))) << arguments.back();
 }
 
 TEST(Options, WrongUsageExitsWithTwo) {

@@ -12,6 +12,7 @@
 #include "client/meters.h"
 #include "client/open_source.h"
 #include "client/settings.h"
+#include "client/stream_list.h"
 #include "client/viewer_state.h"
 #include "common/surface/formats/write.h"
 #include "common/surface/shapes/shapes.h"
@@ -48,6 +49,23 @@ TEST(WantedFrom, TellsStreamsFilesAndScenesApart) {
   const testing::TemporaryFolder folder;
   std::ofstream(folder.file("s.json")) << "{}";
   EXPECT_EQ(wanted_from(folder.file("s.json")).kind, Wanted::Kind::kScene);
+}
+
+TEST(StreamList, PagesAreCheckedBeforeUse) {
+  const auto page = page_from_json(
+      R"({"streams":[{"stream":"lab/a","stream_id":1,"state":"live","key_rate_hz":15.5,"subscribers":3}],"next":"lab/a"})");
+  ASSERT_TRUE(page) << page.error().message;
+  ASSERT_EQ(page->streams.size(), 1u);
+  EXPECT_EQ(page->streams[0].name, "lab/a");
+  EXPECT_EQ(page->streams[0].state, "live");
+  EXPECT_EQ(page->streams[0].key_rate_hz, 15.5);
+  EXPECT_EQ(page->streams[0].subscribers, 3u);
+  EXPECT_EQ(page->next, "lab/a");
+  for (const char* bad : {"", "[]", "{}", R"({"streams":{}})", R"({"streams":[3]})", R"({"streams":[{"stream":"a"}]})",
+                          R"({"streams":[{"stream":"../\u0007","state":"live"}]})",
+                          R"({"streams":[{"stream":7,"state":"live"}]})", R"({"streams":[],"next":"a b"})"})
+    EXPECT_FALSE(page_from_json(bad)) << bad;
+  EXPECT_TRUE(page_from_json(R"({"streams":[{"stream":"a","state":"live","subscribers":-1,"key_rate_hz":"x"}]})"));
 }
 
 TEST(RateMeter, WaitingForTheFirstDoesNotCount) {

@@ -278,6 +278,41 @@ TEST(TexturePaint, SurfaceIsClayUntilItsImageIsDecoded) {
   EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture) << painter.why_not();
 }
 
+TEST(TexturePaint, AutoTakesTheTextureElseTheColours) {
+  const auto kind_of = [](Asset asset) {
+    FakeSource source(std::move(asset));
+    SurfaceView view;
+    show_at(source, view, 1000);
+    SurfacePainter painter;
+    painter.paint(view, source, {});
+    EXPECT_EQ(painter.why_not(), "");
+    return painter.paint().kind;
+  };
+  Asset asset = textured_sphere(2, red_and_blue());
+  EXPECT_EQ(kind_of(asset), SurfacePaint::Kind::kTexture);
+  asset.texture.reset();
+  asset.colours.assign(asset.vertex_count, {9, 8, 7});
+  EXPECT_EQ(kind_of(asset), SurfacePaint::Kind::kColour);
+  asset.colours.clear();
+  EXPECT_EQ(kind_of(asset), SurfacePaint::Kind::kClay);
+}
+
+TEST(TexturePaint, AutoTakesATextureThatComesLater) {
+  FakeSource source(textured_sphere(3, red_and_blue()));
+  const auto texture = std::exchange(source.asset_.texture, nullptr);
+  source.asset_.rows_ready = 162;
+  SurfaceView view;
+  show_at(source, view, 1000);
+  SurfacePainter painter;
+  painter.paint(view, source, {});
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
+  source.asset_.rows_ready = source.asset_.vertex_count;
+  source.asset_.texture = texture;
+  testing::advance(view, source, 2000);
+  painter.paint(view, source, {});
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture);
+}
+
 TEST(TexturePaint, BrokenImageLeavesClay) {
   FakeSource source(textured_sphere(2, {0xff, 0xd8, 0xff, 0, 1, 2}));
   SurfaceView view;

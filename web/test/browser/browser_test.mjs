@@ -76,7 +76,8 @@ test('AStreamIsShownFromBeforeItBeginsUntilItsSenderHasGone', async () => {
 /** By the native viewer: the picture, and the capture time of what it shows. */
 async function nativePicture(name, words) {
   const out = join(programs.folder, 'native'), record = join(programs.folder, 'shown.jsonl');
-  const client = spawn(join(BIN, 'eigencast-client'), [`ws://127.0.0.1:${broker.port}/${name}`, '--headless', '--frames=1', '--rate=raw', `--size=${WIDTH}x${HEIGHT}`, `--out=${out}`, `--record-shown=${record}`, ...words],
+  const style = ['--normals=smooth', ...words.some((word) => word.startsWith('--colour=')) ? [] : ['--colour=clay']];
+  const client = spawn(join(BIN, 'eigencast-client'), [`ws://127.0.0.1:${broker.port}/${name}`, '--headless', '--frames=1', '--rate=raw', `--size=${WIDTH}x${HEIGHT}`, `--out=${out}`, `--record-shown=${record}`, ...style, ...words],
     { stdio: ['ignore', 'ignore', 'inherit'], env: { ...process.env, EIGENCAST_CACHE: join(programs.folder, 'native-cache') } });
   const code = await new Promise((resolve) => client.on('exit', resolve));
   assert.equal(code, 0);
