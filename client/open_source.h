@@ -21,7 +21,7 @@ struct Wanted {
 /// files that end in .json scenes, other paths, globs and built-in shapes clips.
 Wanted wanted_from(const std::string& text);
 
-/// A word of the command line: as wanted_from(), but what is neither a path that exists nor has a * in it names a stream.
+/// A word of the command line: as wanted_from(), but what is no path that exists, and has no *, names a stream.
 Wanted wanted_from_word(const std::string& word);
 
 /// For a stream that is opened later: those of the command line for the same broker (scheme, host and port), one for

@@ -6,11 +6,13 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 
 #include "common/command_line/command_line.h"
 #include "common/core/files.h"
 #include "common/surface/formats/read.h"
 #include "common/surface/formats/write.h"
+#include "common/wire/control.h"
 #include "sdk/contexts.h"
 #include "sender/option_groups.h"
 
@@ -18,29 +20,43 @@ namespace eigencast {
 namespace {
 
 constexpr const char* kExamples =
-    R"(eigencast-sender play heart --to http://localhost:7490/demo
+    R"(eigencast-sender play heart                                            # to this machine's broker, as "heart"
+eigencast-sender play clip.npy --to http://broker:7490/live/clip
+simulation | eigencast-sender pipe --mesh rest.obj --to http://broker:7490/sim
+eigencast-sender play --help                                           # more of each command)";
+constexpr const char* kBakeExamples =
+    R"(eigencast-sender bake scan.ply --rank 300
+eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # as many coefficients as that takes)";
+constexpr const char* kPlayExamples =
+    R"(eigencast-sender play heart                                            # to this machine's broker, as "heart"
 eigencast-sender play clip.npy --to http://broker:7490/live/clip --rate 15    # poses a second; the broker triples them
 eigencast-sender play fox.glb --animation Run --to http://broker:7490/fox
 eigencast-sender play cloth.pc2 --rest cloth.obj --once --to http://broker:7490/cloth
 eigencast-sender play 'frames/*.obj' --once --to http://broker:7490/show
-simulation | eigencast-sender pipe --mesh rest.obj --to http://broker:7490/sim
-eigencast-sender deform heart --to http://broker:7490/heart                   # a window: drag the cage around it
+eigencast-sender play heart --to demo                                  # at the context's broker)";
+constexpr const char* kPipeExamples =
+    R"(simulation | eigencast-sender pipe --mesh rest.obj --to http://broker:7490/sim)";
+constexpr const char* kDeformExamples =
+    R"(eigencast-sender deform heart --to http://broker:7490/heart                   # a window: drag the cage around it
 eigencast-sender deform heart --to studio/ann --watch studio/bob         # and see what another one does
 eigencast-sender deform heart --script twist --to http://broker:7490/heart     # by a cage that is made around it
-eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to http://broker:7490/dragon
-eigencast-sender replay show.ecrec --to http://broker:7490/show --from 60
-eigencast-sender bake scan.ply --rank 300
-eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # the basis of the fewest bits for that
-eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
-eigencast-sender evaluate clip.npy --sweep                             # what each rank costs, and why one is chosen
-eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json
-eigencast-sender export fox.glb --to fox.mdd
-eigencast-sender context add studio https://broker.example --token "$TOKEN"
-eigencast-sender play heart --to demo                                  # at the context's broker
-eigencast-sender completion bash > ~/.local/share/bash-completion/completions/eigencast-sender)";
+eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to http://broker:7490/dragon)";
+constexpr const char* kExportExamples =
+    R"(eigencast-sender export fox.glb --to fox.mdd
+eigencast-sender export clip.npy --to frames/)";
+constexpr const char* kEvaluateExamples =
+    R"(eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
+eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json)";
+constexpr const char* kReplayExamples = R"(eigencast-sender replay show.ecrec --to http://broker:7490/show --from 60)";
+constexpr const char* kContextExamples =
+    R"(eigencast-sender context add studio https://broker.example --token "$TOKEN")";
+constexpr const char* kCompletionExamples =
+    R"(eigencast-sender completion bash > ~/.local/share/bash-completion/completions/eigencast-sender)";
 
 /// Longer than anything runs, short enough to be counted in microseconds.
 constexpr double kMaxSeconds = 1e9;
+
+constexpr const char* kOwnGroup = "What is done";
 
 constexpr const char* kExitStatus = R"(0  done
 1  failed
@@ -64,8 +80,13 @@ struct Settings {
   ReplayCommand replay;
 };
 
+void show_examples(CLI::App& app, const char* examples) {
+  app.footer(std::string("examples:\n") + examples);
+}
+
 template <typename Command>
-void runs(CLI::App& app, Settings& s, Command& command) {
+void runs(CLI::App& app, Settings& s, Command& command, const char* examples) {
+  show_examples(app, examples);
   app.callback(
       [&s, &command] { s.run = [&s, &command](Interrupt& interrupt) { return run(command, s.console, interrupt); }; });
 }
@@ -73,6 +94,7 @@ void runs(CLI::App& app, Settings& s, Command& command) {
 void add_context_commands(CLI::App& app, Settings& s) {
   CLI::App* context = app.add_subcommand("context", "Brokers by name, with their tokens");
   context->require_subcommand(1);
+  show_examples(*context, kContextExamples);
   const auto add = [&](const std::string& action, const std::string& description) {
     CLI::App* command = context->add_subcommand(action, description);
     command->callback([&s, action] {
@@ -93,6 +115,7 @@ void add_context_commands(CLI::App& app, Settings& s) {
 
 void add_completion_command(CLI::App& app, Settings& s) {
   CLI::App* completion = app.add_subcommand("completion", "Write a completion script to standard output");
+  show_examples(*completion, kCompletionExamples);
   completion->add_option("shell", s.shell, "for which shell")->required()->check(CLI::IsMember({"bash", "zsh"}));
   completion->callback([&app, &s] {
     s.run = [&app, &s](Interrupt&) {
@@ -105,9 +128,10 @@ void add_completion_command(CLI::App& app, Settings& s) {
 void add_deform_command(CLI::App& app, Settings& s) {
   DeformCommand& command = s.deform;
   CLI::App* deform = app.add_subcommand("deform", "Deform a model in a window, or by a script, while it goes out");
-  runs(*deform, s, command);
+  runs(*deform, s, command, kDeformExamples);
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
+  deform->option_defaults()->group(kOwnGroup);
   deform->add_option("--cage-out", command.cage_out, "write the cage, to edit it or to number its vertices (.obj, ...)")
       ->check(output_path(check_surface_path));
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
@@ -150,7 +174,7 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   EvaluateCommand& command = s.evaluate;
   CLI::App* evaluate = app.add_subcommand(
       "evaluate", "State error and bit rate of a clip, without a network; lists are tried in all combinations");
-  runs(*evaluate, s, command);
+  runs(*evaluate, s, command, kEvaluateExamples);
   add_clip_options(*evaluate, command.source);
   add_basis_options(*evaluate, command.bases, command.ranks, command.source);
   add_asset_options(*evaluate, command.source);
@@ -161,6 +185,7 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
       ->check(positive())
       ->delimiter(',')
       ->excludes(error);
+  evaluate->option_defaults()->group(kOwnGroup);
   bounded(*evaluate, "--lod", command.levels, "levels of detail: fractions of the vertices", 0.0, 1.0)
       ->delimiter(',')
       ->capture_default_str();
@@ -191,18 +216,20 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
 
 void add_commands(CLI::App& app, Settings& s) {
   CLI::App* bake = app.add_subcommand("bake", "Turn a surface into a streamable asset (cached by content)");
-  runs(*bake, s, s.bake);
+  runs(*bake, s, s.bake, kBakeExamples);
   add_source_options(*bake, s.bake.source);
   bake->get_option("--bitrate")->excludes(bake->get_option("--rank"));
+  bake->option_defaults()->group(kOwnGroup);
   bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder")
       ->check(output_path(check_output_folder));
   bake->add_option("--json", s.bake.json, "write a report")->check(output_path(check_output_file));
 
   CLI::App* play = app.add_subcommand("play", "Stream an animation to a broker");
-  runs(*play, s, s.play);
+  runs(*play, s, s.play, kPlayExamples);
   add_source_options(*play, s.play.source);
   add_target_options(*play, s.play.target);
   add_coding_options(*play, s.play.target);
+  play->option_defaults()->group(kOwnGroup);
   bounded(*play, "--rate", s.play.rate_hz, "key poses a second (default: the clip's)", 0.1, 1000.0);
   bounded(*play, "--speed", s.play.speed, "of the motion", 0.001, 1000.0)->capture_default_str();
   play->add_flag("--velocities", s.play.velocities,
@@ -218,11 +245,12 @@ void add_commands(CLI::App& app, Settings& s) {
 
   CLI::App* pipe =
       app.add_subcommand("pipe", "Stream poses from standard input: 32-bit floats x, y, z for each vertex of the mesh");
-  runs(*pipe, s, s.pipe);
+  runs(*pipe, s, s.pipe, kPipeExamples);
   pipe->add_option("--mesh", s.pipe.source.input, "the mesh in its rest pose")->required();
   add_bake_options(*pipe, s.pipe.source);
   add_target_options(*pipe, s.pipe.target);
   add_coding_options(*pipe, s.pipe.target);
+  pipe->option_defaults()->group(kOwnGroup);
   bounded(*pipe, "--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)", 0.1,
           1000.0);
   pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(output_path(check_output_file));
@@ -230,21 +258,24 @@ void add_commands(CLI::App& app, Settings& s) {
   add_deform_command(app, s);
 
   CLI::App* export_clip = app.add_subcommand("export", "Write a clip in another format");
-  runs(*export_clip, s, s.export_clip);
+  runs(*export_clip, s, s.export_clip, kExportExamples);
   add_clip_options(*export_clip, s.export_clip.source);
+  export_clip->option_defaults()->group(kOwnGroup);
   export_clip
       ->add_option("--to", s.export_clip.to,
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
       ->required()
       ->check(output_path(check_clip_path));
+  export_clip->add_flag("--force", s.export_clip.force, "write into a folder that holds files already");
   export_clip->add_option("--json", s.export_clip.json, "write a report")->check(output_path(check_output_file));
 
   add_evaluate_command(app, s);
 
   CLI::App* replay = app.add_subcommand("replay", "Stream a recording of the broker again");
-  runs(*replay, s, s.replay);
+  runs(*replay, s, s.replay, kReplayExamples);
   replay->add_option("file", s.replay.file, "recording (.ecrec)")->required();
   add_target_options(*replay, s.replay.target);
+  replay->option_defaults()->group(kOwnGroup);
   bounded(*replay, "--speed", s.replay.speed, "of the motion", 0.001, 1000.0)->capture_default_str();
   bounded(*replay, "--from", s.replay.from_s, "begin so many seconds into the recording", 0.0, kMaxSeconds);
   bounded(*replay, "--duration", s.replay.duration_s, "play so many seconds of the recording", 1e-3, kMaxSeconds);
@@ -256,8 +287,41 @@ void add_commands(CLI::App& app, Settings& s) {
   add_completion_command(app, s);
 }
 
+/// An option that would do nothing where it stands.
+Result<void> check_uses(const CLI::App& app) {
+  const CLI::App* command = app.get_subcommands().front();
+  const auto text_of = [&](const char* name) {
+    const CLI::Option* option = command->get_option_no_throw(name);
+    return option != nullptr && option->count() > 0 ? option->as<std::string>() : std::string();
+  };
+  const auto kind = kind_of_file(text_of("input"));
+  const bool is_scene = kind == FileKind::kGltf || kind == FileKind::kForeign;
+  const std::string codec = text_of("--codec");
+  const struct {
+    std::vector<const char*> options;
+    bool useless;
+    const char* why;
+  } uses[] = {{{"--speed", "--once"},
+               command == app.get_subcommand("deform") && text_of("--script").empty(),
+               "goes with --script"},
+              {{"--error", "--step"},
+               !codec.empty() && codec != "quantised",
+               "is for --codec quantised; the others keep their numbers' precision"},
+              {{"--animation", "--sample-rate"}, kind && !is_scene, "is for glTF files"},
+              {{"--faces"}, kind && kind != FileKind::kArray, "is for .npy clips"}};
+  for (const auto& use : uses) {
+    for (const char* name : use.options) {
+      const CLI::Option* option = command->get_option_no_throw(name);
+      if (use.useless && option != nullptr && option->count() > 0)
+        return fail(ErrorCode::kInvalidArgument, std::string(name) + " " + use.why);
+    }
+  }
+  return {};
+}
+
 Result<void> check_together(const CLI::App& app, const Settings& s) {
   const CLI::App* command = app.get_subcommands().front();
+  if (const auto used = check_uses(app); !used) return used;
   if (command->get_option_no_throw("--cage") == nullptr) return {};
   const bool deforms = command == app.get_subcommand("deform");
   const std::vector<std::string> bases = command->get_option("--basis")->reduced_results();
@@ -285,6 +349,14 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
   const Credentials given = target->credentials;
+  const Context* context = contexts->find(target->context);
+  if (target->url.empty() && (context != nullptr || target->context.empty())) {
+    target->url = unnamed_target(app.got_subcommand("play")     ? s.play.source.input
+                                 : app.got_subcommand("pipe")   ? s.pipe.source.input
+                                 : app.got_subcommand("deform") ? s.deform.source.input
+                                                                : s.replay.file,
+                                 context);
+  }
   const auto resolved = resolve_target(target->url, given, target->context, *contexts);
   if (!resolved) return resolved.error();
   target->url = resolved->url;
@@ -311,6 +383,23 @@ std::string refusal_of_command(CLI::App& app, int argc, char** argv) {
 }
 
 }  // namespace
+
+std::string unnamed_target(const std::string& input, const Context* context) {
+  if (context != nullptr) {
+    const auto url = parse_broker_url(context->url);
+    if (!url || !url->stream.empty()) return {};
+  }
+  std::filesystem::path path(input);
+  if (!path.has_filename()) path = path.parent_path();
+  std::string name = path.stem().string();
+  for (char& c : name) {
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+    if (!plain) c = '-';
+  }
+  if (!check_stream_name(name)) name = "stream";
+  return context != nullptr ? name : "ws://127.0.0.1:7490/" + name;
+}
 
 Invocation parse_command_line(int argc, char** argv) {
   auto settings = std::make_shared<Settings>();

@@ -7,6 +7,7 @@
 
 #include "common/codec/key.h"
 #include "common/net/url.h"
+#include "sdk/contexts.h"
 #include "sender/console.h"
 #include "sender/evaluate.h"
 #include "sender/source.h"
@@ -76,6 +77,7 @@ struct ContextCommand {
 struct ExportCommand {
   SourceOptions source;
   std::string to;
+  bool force = false;  ///< Into a folder that holds files, too.
   std::string json;
 };
 
@@ -119,6 +121,10 @@ int run(const ReplayCommand& command, const Console& console, Interrupt& interru
 /// opened: as bake_source().
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened = {});
+
+/// Where a stream goes that is not named: its input's name, at the context's broker or, without one (null), this
+/// machine's. Empty: the context names a stream.
+std::string unnamed_target(const std::string& input, const Context* context);
 
 /// A command to run, or an exit status at once: help, version, or an error that was printed.
 struct Invocation {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <spdlog/spdlog.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "common/surface/formats/write.h"
@@ -9,7 +10,24 @@
 
 namespace eigencast {
 
+namespace {
+
+/// Frames of another clip between those of this one would be read as its own.
+Result<void> check_folder(const ExportCommand& command) {
+  std::error_code none;
+  const bool is_folder = command.to.ends_with('/') || std::filesystem::is_directory(command.to, none);
+  if (command.force || !is_folder || !std::filesystem::exists(command.to, none)) return {};
+  const auto first = std::filesystem::directory_iterator(command.to, none);
+  if (none || first == std::filesystem::directory_iterator()) return {};
+  return fail(ErrorCode::kInvalidArgument, command.to + ": holds files already, such as " +
+                                               first->path().filename().string() +
+                                               "; name another folder, or write among them with --force");
+}
+
+}  // namespace
+
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt) {
+  if (const auto usable = check_folder(command); !usable) return report_failure(usable.error());
   const auto clip = open_source(command.source);
   if (!clip) return report_failure(clip.error());
   for (const std::string& note : (*clip)->notes()) spdlog::info("{}", note);

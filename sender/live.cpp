@@ -71,10 +71,15 @@ ExitCode check_target(const TargetOptions& target, bool velocities) {
     spdlog::error("{}", url.error().message);
     return kExitUsage;
   }
-  const auto let_in = probe(*url, "/v1/publish/" + url->stream, kProbeTimeout);
-  if (let_in) return kExitOk;
-  const auto found = located(*url);
-  if (found && probe(*found, "/v1/publish/" + found->stream, kProbeTimeout)) return kExitOk;
+  auto let_in = probe(*url, "/v1/publish/" + url->stream, kProbeTimeout);
+  if (!let_in) {
+    const auto found = located(*url);
+    if (found && probe(*found, "/v1/publish/" + found->stream, kProbeTimeout)) let_in = Result<void>();
+  }
+  if (let_in) {
+    spdlog::info("to {}", url->shown());
+    return kExitOk;
+  }
   if (let_in.error().code == ErrorCode::kRefused) {
     spdlog::error("{}", let_in.error().message);
     return kExitUnreachable;

@@ -20,6 +20,7 @@ CLI::Validator positive() {
 }
 
 void add_clip_options(CLI::App& app, SourceOptions& source) {
+  app.option_defaults()->group("The clip");
   app.add_option(
          "input", source.input,
          "built-in shape (heart, bar, torus, sphere, ...), clip.npy, .pc2, .mdd, .glb or .gltf, folder or 'glob' of "
@@ -57,6 +58,7 @@ CLI::Validator one_of(const Names& names) {
 
 template <typename Bases, typename Ranks>
 void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions& source) {
+  app.option_defaults()->group("The basis");
   app.add_option(
          "--basis", bases,
          "augmented or harmonic, for any motion; rig, of a glTF file's skin and morph targets, or cage, whose motion "
@@ -94,6 +96,7 @@ void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions&
 }
 
 void add_asset_options(CLI::App& app, SourceOptions& source) {
+  app.option_defaults()->group("The asset");
   source.cache_dir = default_cache_dir();
   app.add_option(
          "--asset-error", source.asset_error,
@@ -144,6 +147,7 @@ void add_source_options(CLI::App& app, SourceOptions& source) {
 
 template <typename Errors>
 CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors) {
+  app.option_defaults()->group("Coding of poses");
   app.add_option("--codec", codec, "quantised, float32 or float64")
       ->check(CLI::IsMember({"quantised", "float32", "float64"}))
       ->capture_default_str();
@@ -155,9 +159,11 @@ CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors
 }
 
 void add_target_options(CLI::App& app, TargetOptions& target) {
+  app.option_defaults()->group("Where to");
   app.add_option("--to", target.url,
                  "http://host[:port]/stream (https:// for TLS; http://a,b/stream: the brokers a and b of a cluster in "
-                 "turn), or a stream at the context's broker")
+                 "turn), or a stream at the context's broker (default: the "
+                 "input's name, there or at this machine's broker)")
       ->envname("EIGENCAST_URL");
   add_credential_options(app, target.credentials)->envname("EIGENCAST_TOKEN");
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")

@@ -106,8 +106,10 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
   const auto written = write_report(command.json, report.dump(2));
   if (!pumped) return report_failure(pumped.error());
   if (!written) return report_failure(written.error());
-  if (counts.poses == 0) return counts.unfinished_bytes == 0 ? kExitOk : kExitFailed;
-  return stats.frames_sent > 0 ? kExitOk : kExitUnreachable;
+  if (stats.frames_sent > 0) return kExitOk;
+  const bool unreachable = counts.poses > counts.unusable;
+  if (!unreachable) spdlog::error("nothing was sent: standard input brought no pose that can be shown");
+  return unreachable ? kExitUnreachable : kExitFailed;
 }
 
 }  // namespace eigencast

@@ -87,7 +87,7 @@ LIBRARIES = {
     "libqrencode": (r"qrencode\.h", {"broker/command_line"}, 1),
     "liburing": (r"liburing\.h", {"broker/sockets"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker/access", "broker/backbone", "broker/http", "broker/operation", "sdk", "sender",
-                                     "sender/deform", "client", "tools/compare", "tools/latency"}, 28),
+                                     "sender/deform", "client", "tools/compare", "tools/latency"}, 29),
     "CLI11": (r"CLI/", {"common/command_line", "broker/command_line", "sender", "tools/compare", "tools/latency"}, 8),
     "prometheus-cpp": (r"prometheus/", {"broker/operation"}, 1),
     "systemd": (r"systemd/", {"broker/operation"}, 1),

@@ -53,7 +53,7 @@ TEST(WantedFrom, TellsStreamsFilesAndScenesApart) {
 
 TEST(StreamList, PagesAreCheckedBeforeUse) {
   const auto page = page_from_json(
-      R"({"streams":[{"stream":"lab/a","stream_id":1,"state":"live","key_rate_hz":15.5,"subscribers":3}],"next":"lab/a"})");
+      R"({"streams":[{"stream":"lab/a","state":"live","key_rate_hz":15.5,"subscribers":3}],"next":"lab/a"})");
   ASSERT_TRUE(page) << page.error().message;
   ASSERT_EQ(page->streams.size(), 1u);
   EXPECT_EQ(page->streams[0].name, "lab/a");

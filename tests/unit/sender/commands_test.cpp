@@ -110,6 +110,43 @@ TEST_F(BeforeTheBake, PosesInAnotherOrderAreRefused) {
   ends(bake, kExitFailed, "the poses that ranks are judged by");
 }
 
+TEST_F(BeforeTheBake, ExportLeavesOtherFilesAlone) {
+  ExportCommand command;
+  command.source.input = file("a.off", "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n");
+  command.to = folder_.file("frames") + "/";
+  Interrupt interrupt;
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitFailed) << "those of the first";
+  command.force = true;
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
+}
+
+TEST(UnnamedTarget, IsTheInputsNameAtTheBrokerThatIsKnown) {
+  EXPECT_EQ(unnamed_target("heart", nullptr), "ws://127.0.0.1:7490/heart");
+  EXPECT_EQ(unnamed_target("bar:twist", nullptr), "ws://127.0.0.1:7490/bar-twist");
+  EXPECT_EQ(unnamed_target("/data/my clip.npy", nullptr), "ws://127.0.0.1:7490/my-clip");
+  EXPECT_EQ(unnamed_target("frames/", nullptr), "ws://127.0.0.1:7490/frames");
+  const Context broker{"b", "http://host:7490"}, stream{"s", "http://host:7490/live/a"};
+  EXPECT_EQ(unnamed_target("heart", &broker), "heart");
+  EXPECT_EQ(unnamed_target("heart", &stream), "") << "the context names it";
+}
+
+TEST(CommandLineOfTheSender, OptionsThatWouldDoNothingAreRefused) {
+  const auto status = [](std::vector<const char*> words) {
+    words.insert(words.begin(), "eigencast-sender");
+    return parse_command_line(static_cast<int>(words.size()), const_cast<char**>(words.data())).status;
+  };
+  for (const auto& words : std::vector<std::vector<const char*>>{
+           {"deform", "heart", "--to", "ws://h/a", "--once"},
+           {"deform", "heart", "--to", "ws://h/a", "--speed", "2"},
+           {"play", "heart", "--to", "ws://h/a", "--codec", "float32", "--error", "1"},
+           {"play", "a.obj", "--to", "ws://h/a", "--animation", "Run"},
+           {"export", "a.obj", "--to", "b.pc2", "--faces", "faces.npy"}})
+    EXPECT_EQ(status(words), kExitUsage) << words.back();
+  EXPECT_EQ(status({"deform", "heart", "--to", "ws://h/a", "--script", "twist", "--once"}), kExitOk);
+  EXPECT_EQ(status({"play", "heart"}), kExitOk) << "to this machine's broker";
+}
+
 TEST(ContextAdd, StoresAbsolutePathsAndRefusesMissingFiles) {
   const testing::TemporaryFolder folder;
   ::setenv("XDG_CONFIG_HOME", folder.file("config").c_str(), 1);
