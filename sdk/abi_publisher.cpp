@@ -52,6 +52,9 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
           {text_or(s.name, "scalar-" + std::to_string(k + 1)), text_or(s.unit, ""), s.low, s.high, s.error});
     }
     publisher_options.velocities = given.velocities != 0;
+    const auto memory = kMemoryUseNames.find(text_or(given.memory, "off"));
+    if (!memory) return invalid("ec_publisher_create: memory must be auto, on or off");
+    publisher_options.memory = *memory;
     auto created = Publisher::create(publisher_options, asset->asset, asset->encoded);
     if (!created) return failed(created.error());
     *publisher = new ec_publisher{std::move(*created), asset->asset->vertex_count, given.scalars};

@@ -43,7 +43,10 @@ class KeyWriter {
   Result<Coded> code_as(Key key, ByteView payload, TimeUs capture_us) const;
   void sent(Coded coded, std::size_t bytes);
 
-  const Key* held() const { return chain_ ? &chain_->newer : nullptr; }  ///< Null before the first of a chain.
+  const ChainState* state() const { return chain_ ? &*chain_ : nullptr; }  ///< Null before the first of a chain.
+  const Key* held() const { return chain_ ? &chain_->newer : nullptr; }    ///< Likewise.
+  /// Of the next key.
+  std::uint8_t half_spacing() const { return rate_ ? rate_->choice().half_spacing : half_spacing_; }
   bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > newest_.capture_us; }
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t stream_id() const { return announced_.stream_id; }

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <optional>
 
+#include "common/codec/memory_keeper.h"
 #include "common/codec/recaller.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/text.h"
@@ -27,6 +28,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kUploadRetry{1000};
 /// Another sender may have left by then.
 constexpr milliseconds kRefusedRetry{5000};
+constexpr TimeUs kMemoryRetryUs = 10'000'000, kLongestMemoryRetryUs = 600'000'000;
 
 Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
@@ -59,6 +61,10 @@ class BrokerPublisher final : public Publisher {
         writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, rate_control()) {
     if (asset_ && options_.still_heartbeat_us > 0)
       still_.emplace(kStillOverError * error_bound(options_, *asset_), options_.still_heartbeat_us);
+    if (asset_ && options_.memory != MemoryUse::kOff && codec == CodecKind::kQuantised) {
+      keeper_.emplace(MemoryKeeper::Options{writer_.layout(), encoded_->manifest.id.digest, options_.bitrate,
+                                            options_.memory == MemoryUse::kOn});
+    }
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -110,29 +116,9 @@ class BrokerPublisher final : public Publisher {
   }
 
   Result<void> remember(std::vector<CodedSegment> segments) override {
-    const CoefficientLayout& layout = writer_.layout();
-    if (layout.is_float()) return fail(ErrorCode::kInvalidArgument, "a float codec has no memory");
-    if (segments.size() > limits::kMaxMemorySegments)
-      return fail(ErrorCode::kTooLarge, "a memory has at most " + std::to_string(limits::kMaxMemorySegments) +
-                                            " segments: put poses together");
-    PoseMemory poses(layout);
-    std::vector<AssetObject> objects;
-    for (CodedSegment& coded : segments) {
-      if (!coded.segment || coded.segment->values.size() != coded.segment->poses * layout.size())
-        return fail(ErrorCode::kInvalidArgument, "a segment of another layout than the stream's");
-      auto grown = poses.with(std::move(coded.segment));
-      if (!grown) return grown.error();
-      poses = *std::move(grown);
-      objects.push_back({sha256(coded.bytes), std::move(coded.bytes)});
-    }
     const std::lock_guard lock(mutex_);
-    if (memory_.pending) return fail(ErrorCode::kRefused, "the broker has not answered the last memory yet");
-    remembered_ = std::move(objects);
-    poses_ = std::move(poses);
-    memory_.pending = true;
-    memory_.refused.reset();
-    if (phase_ == Phase::kLive) upload_memory();
-    return {};
+    keeper_.reset();  // The caller decides.
+    return remember_now(std::move(segments));
   }
 
   MemoryState memory() const override {
@@ -210,7 +196,9 @@ class BrokerPublisher final : public Publisher {
 
   /// REQUIRES: mutex_ is held, nothing blocks sending.
   SendStatus send_next(Key key, TimeUs capture_us, const Work& work) {
-    return send_coded(writer_.code(std::move(key), capture_us), work);
+    if (!keeper_) return send_coded(writer_.code(std::move(key), capture_us), work);
+    auto coded = writer_.code(key, capture_us);
+    return send_coded(std::move(coded), work, &key);
   }
 
   /// Counted. REQUIRES: mutex_ is held.
@@ -222,8 +210,8 @@ class BrokerPublisher final : public Publisher {
     return std::nullopt;
   }
 
-  /// REQUIRES: as send_next.
-  SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work) {
+  /// pose  to remember; may be null.  REQUIRES: as send_next.
+  SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work, const Key* pose = nullptr) {
     if (!coded) return unusable(coded.error());
     const std::size_t bytes = coded->message.size();
     const bool recalled = coded->next.phase.has_value();
@@ -231,6 +219,7 @@ class BrokerPublisher final : public Publisher {
     const TimeUs sent_us = steady_now_us();
     const SendStatus status = socket_->send_binary(std::move(coded->message));
     if (status != SendStatus::kSent) return dropped(status);
+    if (pose != nullptr && writer_.state() != nullptr) keep(*pose, *coded, bytes);
     writer_.sent(*std::move(coded), bytes);
     ++stats_.frames_sent;
     if (recalled) ++stats_.frames_recalled;
@@ -241,6 +230,42 @@ class BrokerPublisher final : public Publisher {
 
   // The memory of poses. All but the callbacks REQUIRE: mutex_ is held.
 
+  /// REQUIRES: the key has left; a key before it.
+  void keep(const Key& pose, const KeyWriter::Coded& coded, std::size_t bytes) {
+    const bool grown = keeper_->add({*writer_.state(), pose, bytes, coded.next.phase, writer_.half_spacing(),
+                                     coded.capture_us, !memory_.pending && !memory_.refused});
+    stats_.saved_bytes = static_cast<std::uint64_t>(std::max(0.0, keeper_->saved_bits()) / 8);
+    if (memory_.generation != 0) stats_.memory_bytes = static_cast<std::uint64_t>(keeper_->remembered_bits() / 8);
+    const TimeUs now = steady_now_us();
+    if (!grown && !(memory_.refused && now >= memory_retry_at_us_)) return;
+    if (auto asked = remember_now(keeper_->segments()); !asked) refuse_memory(asked.error());
+  }
+
+  Result<void> remember_now(std::vector<CodedSegment> segments) {
+    const CoefficientLayout& layout = writer_.layout();
+    if (layout.is_float()) return fail(ErrorCode::kInvalidArgument, "a float codec has no memory");
+    if (segments.size() > limits::kMaxMemorySegments)
+      return fail(ErrorCode::kTooLarge, "a memory has at most " + std::to_string(limits::kMaxMemorySegments) +
+                                            " segments: put poses together");
+    PoseMemory poses(layout);
+    std::vector<AssetObject> objects;
+    for (CodedSegment& coded : segments) {
+      if (!coded.segment || coded.segment->values.size() != coded.segment->poses * layout.size())
+        return fail(ErrorCode::kInvalidArgument, "a segment of another layout than the stream's");
+      auto grown = poses.with(std::move(coded.segment));
+      if (!grown) return grown.error();
+      poses = *std::move(grown);
+      objects.push_back({sha256(coded.bytes), std::move(coded.bytes)});
+    }
+    if (memory_.pending) return fail(ErrorCode::kRefused, "the broker has not answered the last memory yet");
+    remembered_ = std::move(objects);
+    poses_ = std::move(poses);
+    memory_.pending = true;
+    memory_.refused.reset();
+    if (phase_ == Phase::kLive) upload_memory();
+    return {};
+  }
+
   /// The broker has nothing of it (any more).
   void forget_memory() {
     if (segment_uploader_) segment_uploader_->cancel();
@@ -248,6 +273,7 @@ class BrokerPublisher final : public Publisher {
     held_segments_.clear();
     memory_.generation = 0;
     memory_.pending = !remembered_.empty();
+    memory_.refused.reset();
   }
 
   /// How many of the segments the broker holds, where those are the first of them; else 0.
@@ -294,7 +320,11 @@ class BrokerPublisher final : public Publisher {
   void refuse_memory(const Error& why) {
     memory_.pending = false;
     memory_.refused = why;
-    log(log_, LogLevel::kWarning, "memory not used: " + why.message);
+    memory_retry_us_ = std::clamp(2 * memory_retry_us_, kMemoryRetryUs, kLongestMemoryRetryUs);
+    // A broker that keeps none is asked again when the connection is new.
+    memory_retry_at_us_ = why.code == ErrorCode::kUnsupported ? INT64_MAX : steady_now_us() + memory_retry_us_;
+    log(log_, why.code == ErrorCode::kUnsupported ? LogLevel::kInfo : LogLevel::kWarning,
+        "memory not used: " + why.message);
   }
 
   SendStatus dropped(SendStatus status) {
@@ -393,9 +423,12 @@ class BrokerPublisher final : public Publisher {
     if (!m.code.empty()) return refuse_memory({code_named(m.code), m.message});
     memory_.pending = false;
     memory_.generation = remembered_.empty() ? 0 : m.generation;
+    memory_retry_us_ = 0;
     held_segments_.clear();
     for (const AssetObject& segment : remembered_) held_segments_.push_back(segment.id);
     if (remembered_.empty()) return;
+    log(log_, LogLevel::kInfo,
+        "keys are predicted from a memory of " + std::to_string(poses_->pose_count()) + " poses");
     const auto recaller = std::make_shared<Recaller>(*poses_);
     writer_.code_by([recaller](const ChainState& state, const Key& key,
                                std::uint8_t half_spacing) { return recaller->encode(state, key, half_spacing); },
@@ -509,11 +542,13 @@ class BrokerPublisher final : public Publisher {
   KeyWriter writer_;
   std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.
   MemoryState memory_;
-  std::vector<AssetObject> remembered_;              ///< The segments of the last remember(),
-  std::optional<PoseMemory> poses_;                  ///< and their poses.
-  std::vector<Sha256> held_segments_;                ///< Those that the broker holds.
-  std::uint32_t asked_generation_ = 0;               ///< Grows.
-  std::unique_ptr<AssetUploader> segment_uploader_;  ///< Once there was something to upload.
+  std::vector<AssetObject> remembered_;                  ///< The segments of the last remember(),
+  std::optional<PoseMemory> poses_;                      ///< and their poses.
+  std::vector<Sha256> held_segments_;                    ///< Those that the broker holds.
+  std::uint32_t asked_generation_ = 0;                   ///< Grows.
+  std::optional<MemoryKeeper> keeper_;                   ///< Where it decides what to remember.
+  TimeUs memory_retry_us_ = 0, memory_retry_at_us_ = 0;  ///< After a refusal.
+  std::unique_ptr<AssetUploader> segment_uploader_;      ///< Once there was something to upload.
   Stats stats_;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
   ClockOffset clock_;              ///< The broker's; learnt while there are traces.

@@ -32,6 +32,14 @@ struct Scalar {
   double error = 0;
 };
 
+/// Whether a publisher remembers poses, so that motion that comes again takes a fraction of the bits.
+enum class MemoryUse : std::uint8_t {
+  kAuto,  ///< What has come again, as far as that pays (MemoryKeeper).
+  kOn,    ///< All that is new, at once: of motion that is known to come again.
+  kOff,
+};
+inline constexpr EnumNames<MemoryUse, 3> kMemoryUseNames{{"auto", "on", "off"}};
+
 struct PublisherOptions {
   std::string url;  ///< ws://host:port/stream, or with several brokers: see common/net/url.h
   CodecKind codec = CodecKind::kQuantised;
@@ -42,6 +50,8 @@ struct PublisherOptions {
   /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one
   /// every so often; 0: every pose is sent. No viewer shows a pose further off than that because of it.
   TimeUs still_heartbeat_us = 0;
+  /// Not of float codecs. With a bit rate its segments take at most a fifth of that, beside the frames.
+  MemoryUse memory = MemoryUse::kOff;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
   std::vector<Scalar> scalars{};               ///< At most kMaxScalars: channels 3 and on of the stream.
   double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
@@ -80,6 +90,8 @@ class Publisher {
     std::uint64_t frames_recalled = 0;  ///< Of those sent: predicted from the memory.
     std::uint64_t frames_held = 0;  ///< Not sent because the surface was still (PublisherOptions::still_heartbeat_us).
     std::uint64_t payload_bytes = 0;  ///< Counts the frames sent, envelope included.
+    std::uint64_t memory_bytes = 0;   ///< Segments of the memory, as given to the broker: what each viewer fetches.
+    std::uint64_t saved_bytes = 0;    ///< What frames would take beyond payload_bytes without a memory.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
     bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.

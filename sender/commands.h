@@ -8,6 +8,7 @@
 #include "common/codec/key.h"
 #include "common/net/url.h"
 #include "sdk/contexts.h"
+#include "sdk/publisher.h"
 #include "sender/console.h"
 #include "sender/evaluate.h"
 #include "sender/source.h"
@@ -27,7 +28,8 @@ struct TargetOptions {
   std::string codec = "quantised";
   double error = 0;         ///< Model units; 0: the publisher's default.
   double bitrate_kbit = 0;  ///< As of SourceOptions; 0: as the error bound takes.
-  double still_s = 0;       ///< Heartbeat of still surfaces; 0: every pose is sent.
+  MemoryUse memory = MemoryUse::kOff;
+  double still_s = 0;  ///< Heartbeat of still surfaces; 0: every pose is sent.
 };
 
 struct PlayCommand {
@@ -93,7 +95,7 @@ struct EvaluateCommand {
   bool again = false;          ///< With these:
   AgainOptions again_options;
   bool sweep = false;  ///< Print the curve of error and rate that the rank is chosen of.
-  double loop_s = 0;  ///< 0: no loop.
+  double loop_s = 0;   ///< 0: no loop.
   std::string json;
 };
 

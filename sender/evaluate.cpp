@@ -248,7 +248,12 @@ class Loop {
     if (auto coded = live_.code(C); !coded) return coded;
     error_.add(rows_of(asset_, truth), rebuilder_.rebuild_rows(live_.received(), 3));
     if (before) {
-      const MemoryKeeper::Sent sent{*before,  *key, live_.last(), quantiser_.half_spacing, std::llround(now * 1e6),
+      const MemoryKeeper::Sent sent{*before,
+                                    *key,
+                                    live_.last().payload.size(),
+                                    live_.last().phase,
+                                    quantiser_.half_spacing,
+                                    std::llround(now * 1e6),
                                     !ready_s_};
       if (timed(result_.keep_ns, [&] { return keeper_.add(sent); })) {
         result_.memory_bytes += keeper_.segments().back().bytes.size() + MemoryKeeper::kSegmentBytes;

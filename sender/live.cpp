@@ -25,6 +25,7 @@ Result<PublisherOptions> options_of(const TargetOptions& target, bool velocities
   options.error = target.error;
   options.bitrate = target.bitrate_kbit * 1000;
   options.still_heartbeat_us = static_cast<TimeUs>(target.still_s * 1e6);
+  options.memory = target.memory;
   options.velocities = velocities;
   return options;
 }
@@ -92,9 +93,14 @@ void StatusLog::show(const Publisher& publisher, TimeUs now_us) {
   if (now_us - shown_us_ < kStatusEveryUs) return;
   const Publisher::Stats now = publisher.stats();
   const double seconds = static_cast<double>(now_us - shown_us_) * 1e-6;
-  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s, {} viewers, {} dropped",
+  const auto kbit_per_s = [&](std::uint64_t bytes) { return static_cast<double>(bytes) * 8e-3 / seconds; };
+  std::string memory;
+  if (now.memory_bytes > 0)
+    memory = fmt::format(" (of memory {:.1f}, which saves {:.1f})", kbit_per_s(now.memory_bytes - last_.memory_bytes),
+                         kbit_per_s(now.saved_bytes - last_.saved_bytes));
+  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s{}, {} viewers, {} dropped",
                static_cast<double>(now.frames_sent - last_.frames_sent) / seconds,
-               static_cast<double>(now.payload_bytes - last_.payload_bytes) * 8e-3 / seconds, now.subscribers,
+               kbit_per_s(now.payload_bytes - last_.payload_bytes), memory, now.subscribers,
                now.frames_dropped - last_.frames_dropped);
   last_ = now;
   shown_us_ = now_us;

@@ -51,6 +51,10 @@ bool lexical_cast(const std::string& text, PointsOperator& points) {
   return find(kPointsOperatorNames, text, points);
 }
 
+bool lexical_cast(const std::string& text, MemoryUse& use) {
+  return find(kMemoryUseNames, text, use);
+}
+
 template <typename Names>
 CLI::Validator one_of(const Names& names) {
   return CLI::IsMember(std::vector<std::string>(names.names.begin(), names.names.end()));
@@ -172,6 +176,13 @@ void add_target_options(CLI::App& app, TargetOptions& target) {
 
 void add_coding_options(CLI::App& app, TargetOptions& target) {
   add_codec_options(app, target.codec, target.error);
+  app.add_option(
+         "--memory", target.memory,
+         "poses that all hold, so that motion that comes again takes a fraction of the bits: auto, as far as that "
+         "pays; on, all that is new at once, of motion that will come again; off")
+      ->check(one_of(kMemoryUseNames))
+      ->type_name("TEXT")
+      ->default_str(std::string(kMemoryUseNames[MemoryUse::kOff]));
   app.add_option("--still", target.still_s,
                  "while the surface rests (within 1.5 --error), send it only every so many seconds")
       ->check(CLI::Range(0.1, 3600.0));

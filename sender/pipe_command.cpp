@@ -99,10 +99,18 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
   const auto pumped = pump(command, source->clip->rest(), **publisher, counts, interrupt);
   const Publisher::Stats stats = (*publisher)->stats();
   spdlog::info("read {} poses, sent {}, dropped {}", counts.poses, stats.frames_sent, stats.frames_dropped);
-  const nlohmann::json report{
-      {"poses", counts.poses},       {"frames_sent", stats.frames_sent}, {"frames_dropped", stats.frames_dropped},
-      {"unusable", counts.unusable}, {"misfits", counts.misfits},        {"unfinished_bytes", counts.unfinished_bytes},
-      {"restarts", counts.restarts}, {"bytes", stats.payload_bytes},     {"reconnects", stats.reconnects}};
+  const nlohmann::json report{{"poses", counts.poses},
+                              {"frames_sent", stats.frames_sent},
+                              {"frames_dropped", stats.frames_dropped},
+                              {"unusable", counts.unusable},
+                              {"misfits", counts.misfits},
+                              {"unfinished_bytes", counts.unfinished_bytes},
+                              {"restarts", counts.restarts},
+                              {"bytes", stats.payload_bytes},
+                              {"reconnects", stats.reconnects},
+                              {"frames_recalled", stats.frames_recalled},
+                              {"memory_bytes", stats.memory_bytes},
+                              {"saved_bytes", stats.saved_bytes}};
   const auto written = write_report(command.json, report.dump(2));
   if (!pumped) return report_failure(pumped.error());
   if (!written) return report_failure(written.error());

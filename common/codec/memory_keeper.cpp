@@ -23,8 +23,8 @@ constexpr TimeUs kBetweenTries = kSecond / 4;
 constexpr TimeUs kLongestGap = kSecond / 4;
 constexpr double kForgetting = 1.0 / 64;  ///< Of keys on average, a key; of savings, a second.
 
-double bits_of(const CodedKey& key) {
-  return static_cast<double>(key.payload.size()) * 8;
+double bits_of(std::size_t bytes) {
+  return static_cast<double>(bytes) * 8;
 }
 
 }  // namespace
@@ -47,27 +47,27 @@ double MemoryKeeper::distance(const Pose& a, const Pose& b) {
 bool MemoryKeeper::add(const Sent& sent) {
   if (sent.half_spacing == 0 || sent.pose.bands != options_.layout.all_bands()) return false;
   if (!first_us_) first_us_ = last_us_ = decided_us_ = sent.capture_us;
-  double plain = bits_of(sent.coded);
-  if (sent.coded.phase) {
+  double plain = bits_of(sent.bytes);
+  if (sent.phase) {
     if (const auto coded = encode_key(options_.layout, sent.before, sent.pose, sent.half_spacing))
-      plain = bits_of(*coded);
+      plain = bits_of(coded->payload.size());
   }
   const auto gap_us = static_cast<double>(std::clamp<TimeUs>(sent.capture_us - last_us_, 1, kLongestGap));
   key_bits_ += (key_bits_ == 0 ? 1 : kForgetting) * (plain - key_bits_);
   gap_us_ += (gap_us_ <= 1 ? 1 : kForgetting) * (gap_us - gap_us_);
-  sent_bits_ += bits_of(sent.coded);
-  const double saved = plain - bits_of(sent.coded);
+  sent_bits_ += bits_of(sent.bytes);
+  const double saved = plain - bits_of(sent.bytes);
   saved_bits_ += saved;
-  if (sent.coded.phase) {
+  if (sent.phase) {
     std::uint64_t end = 0;
     for (std::size_t i = 0; i < segments_.size(); ++i) {
       end += segments_[i].segment->poses * kParts;
-      if (*sent.coded.phase >= end) continue;
+      if (*sent.phase >= end) continue;
       used_bits_[i] += saved;
       break;
     }
   }
-  const bool is_covered = sent.coded.phase && saved >= kComesAgain * plain;
+  const bool is_covered = sent.phase && saved >= kComesAgain * plain;
   look_back(sent, plain, is_covered);
   last_us_ = sent.capture_us;
   const bool due = sent.capture_us - decided_us_ >= kSecond;
@@ -98,7 +98,7 @@ void MemoryKeeper::look_back(const Sent& sent, double plain_bits, bool is_covere
     phase_ = coded ? coded->phase : std::nullopt;
     const std::uint64_t phase = phase_.value_or(0) + shadow_first_ * kParts;
     if (phase_ && phase / kParts >= history_first_) {
-      const double saved = plain_bits - bits_of(*coded);
+      const double saved = plain_bits - bits_of(coded->payload.size());
       const std::uint64_t advance = phase - last_phase_;
       again = saved >= kComesAgain * plain_bits && advance > 0 && advance <= kLongestAdvance;
       last_phase_ = phase;
@@ -106,7 +106,7 @@ void MemoryKeeper::look_back(const Sent& sent, double plain_bits, bool is_covere
       // The credit of all passes goes to the first one.
       const std::uint64_t number = pose.like >= history_first_ ? pose.like : phase / kParts;
       Pose& first = history_[number - history_first_];
-      first.credit += std::max(0.0, bits_of(sent.coded) - bits_of(*coded));
+      first.credit += std::max(0.0, bits_of(sent.bytes) - bits_of(coded->payload.size()));
       first.covered |= is_covered, pose.covered |= is_covered;
       if (again) like = number;
     }

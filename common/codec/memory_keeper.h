@@ -35,9 +35,10 @@ class MemoryKeeper {
   explicit MemoryKeeper(Options options) : options_(std::move(options)) {}
 
   struct Sent {
-    const ChainState& before;  ///< Of the chain.
-    const Key& pose;           ///< As it was to be coded: with all bands. Others are not remembered.
-    const CodedKey& coded;
+    const ChainState& before;            ///< Of the chain.
+    const Key& pose;                     ///< As it was to be coded: with all bands. Others are not remembered.
+    std::size_t bytes = 0;               ///< Its payload, and
+    std::optional<std::uint32_t> phase;  ///< where in the memory it was predicted from, if it was.
     std::uint8_t half_spacing = 0;
     TimeUs capture_us = 0;  ///< Grows.
     bool may_grow = true;   ///< False while receivers do not hold segments() yet.
@@ -47,6 +48,8 @@ class MemoryKeeper {
   /// The whole memory, oldest first. Only grows, except where it would exceed PoseMemory's limits: then the segments
   /// that saved least lately are left out, and phases are others.
   const std::vector<CodedSegment>& segments() const { return segments_; }
+  double saved_bits() const { return saved_bits_; }           ///< By keys, so far.
+  double remembered_bits() const { return published_bits_; }  ///< By segments, so far.
   /// Of an earlier stream of the surface. Errors: kTooLarge.
   Result<void> restore(std::vector<CodedSegment> segments);
 

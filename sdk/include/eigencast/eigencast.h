@@ -180,6 +180,8 @@ typedef struct ec_publisher_options {
   uint32_t scalars;     /**< Values that ride on each vertex, up to 10 (default: none). */
   int velocities;       /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
   const ec_scalar* scalar_info; /**< As many as scalars (default: named scalar-1 and so on). */
+  const char* memory; /**< Poses that all hold, so that motion that comes again takes a fraction of the bits: "auto", as
+                         far as that pays; "on", all that is new at once; "off" (default: "off"). */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {

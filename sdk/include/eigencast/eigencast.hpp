@@ -164,6 +164,7 @@ struct PublisherOptions {
   Access access = {};                   ///< How the broker lets you in.
   std::vector<Scalar> scalars = {};     ///< Values that ride on each vertex.
   bool velocities = false;              ///< Poses come with velocities.
+  std::string memory = "off";           ///< See ec_publisher_options.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
@@ -183,6 +184,7 @@ class Publisher {
     c_options.scalars = static_cast<std::uint32_t>(scalars.size());
     c_options.scalar_info = scalars.data();
     c_options.velocities = options.velocities ? 1 : 0;
+    c_options.memory = options.memory.c_str();
     options.access.give_to(c_options);
     ec_publisher* publisher = nullptr;
     check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));

@@ -50,7 +50,7 @@ class LiveStream {
     const CodedKey plain = encode_key(layout_, *plain_, key, kHalfSpacing).value();
     plain_ = advanced(plain_, plain.key, kGapUs);
     plain_bits += static_cast<double>(plain.payload.size()) * 8;
-    if (!keeper.add({before, key, coded, kHalfSpacing, now, wait_ == 0})) return;
+    if (!keeper.add({before, key, coded.payload.size(), coded.phase, kHalfSpacing, now, wait_ == 0})) return;
     ++changes;
     if (first_change_us == 0) first_change_us = now;
     side_bits += static_cast<double>(keeper.segments().back().bytes.size()) * 8;

@@ -64,6 +64,7 @@ class Sender {
     PublisherOptions options;
     options.url = url;
     options.codec = codec;
+    options.memory = MemoryUse::kOff;  // Tests remember what they want themselves.
     auto made = Publisher::create(std::move(options), model_.asset, model_.encoded);
     EXPECT_TRUE(made) << made.error().message;
     publisher = std::move(*made);
