@@ -96,6 +96,14 @@ class MemoryTest : public ::testing::Test {
     const auto added = add(sender_.next_recalled(now_, stream_->memory()->poses, phase));
     ASSERT_TRUE(added) << added.error().message;
   }
+  /// It watches, holds a memory of ten poses, and has a key from it.
+  void recall(MemoryViewer& viewer) {
+    watch(viewer);
+    plain_key();
+    remember(0, 10);
+    hold(viewer);
+    recalled_key(8);
+  }
 
   TimeUs now_ = 1'000'000;
   std::uint32_t epoch_ = 0;
@@ -217,11 +225,7 @@ TEST_F(MemoryTest, AppendedPosesMoveViewersOnlyOnceAKeyNeedsThem) {
 
 TEST_F(MemoryTest, ANewRootRestartsThoseWhoseKeysNeededTheOld) {
   MemoryViewer viewer;
-  watch(viewer);
-  plain_key();
-  remember(0, 10);
-  hold(viewer);
-  recalled_key(8);
+  recall(viewer);
   const std::uint32_t old = stream_->memory()->number;
   stream_->set_memory(nullptr);
   sender_.forget_phase();
@@ -243,11 +247,7 @@ TEST_F(MemoryTest, ANewRootRestartsThoseWhoseKeysNeededTheOld) {
 
 TEST_F(MemoryTest, ANewEpochHasNone) {
   MemoryViewer viewer;
-  watch(viewer);
-  plain_key();
-  remember(0, 10);
-  hold(viewer);
-  recalled_key(8);
+  recall(viewer);
   const PoseMemory poses = stream_->memory()->poses;
   announce();
   EXPECT_EQ(stream_->memory(), nullptr);
