@@ -229,13 +229,20 @@ TEST_F(Fault, AnInterruptedUploadLeavesNothing) {
     }
     ::close(fd);
   }
-  EXPECT_TRUE(eventually([&] { return metric("eigencast_broker_uploads_failed_total") > 0; }, kPatience));
+  // None is still to begin.
+  const auto all_gone = [&] {
+    const double seen =
+        metric("eigencast_broker_connections_total") + metric("eigencast_broker_connections_refused_total");
+    return seen == static_cast<double>(upload.size() - 1) && metric("eigencast_broker_connections") == 0;
+  };
+  EXPECT_TRUE(eventually(all_gone, kPatience)) << scene_.logs();
+  EXPECT_GT(metric("eigencast_broker_uploads_failed_total"), 0);
   const auto nothing_left = [this] {
     return metric("eigencast_broker_uploads") == 0 && metric("eigencast_broker_asset_bytes") == 0 &&
+           metric("eigencast_broker_asset_objects") == 0 &&
            std::filesystem::is_empty(scene_.file("assets") + "/assets/uploading");
   };
-  EXPECT_TRUE(eventually(nothing_left, kPatience)) << scene_.logs();
-  EXPECT_EQ(metric("eigencast_broker_asset_objects"), 0);
+  EXPECT_TRUE(nothing_left()) << scene_.logs();
 
   // The broker itself goes in the middle of one.
   const int fd = connect_to(scene_.port());
