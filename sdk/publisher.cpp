@@ -6,9 +6,7 @@
 #include <mutex>
 #include <optional>
 
-#include "common/codec/memory_keeper.h"
 #include "common/codec/recaller.h"
-#include "common/core/hash/sha256.h"
 #include "common/core/text.h"
 #include "common/net/clock_offset.h"
 #include "common/wire/control.h"
@@ -18,6 +16,7 @@
 #include "sdk/key_writer.h"
 #include "sdk/pose_projection.h"
 #include "sdk/send_policy.h"
+#include "sdk/sender_memory.h"
 
 namespace eigencast {
 
@@ -28,7 +27,6 @@ using std::chrono::milliseconds;
 constexpr milliseconds kUploadRetry{1000};
 /// Another sender may have left by then.
 constexpr milliseconds kRefusedRetry{5000};
-constexpr TimeUs kMemoryRetryUs = 10'000'000, kLongestMemoryRetryUs = 600'000'000;
 
 Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
@@ -58,13 +56,10 @@ class BrokerPublisher final : public Publisher {
                        ? quantiser_for_error(error_bound(options_, *asset_), asset_->area, asset_->rank)
                        : Quantiser{}),
         projection_(asset_, options_.velocities, format_.scalars.size()),
-        writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, rate_control()) {
+        writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, rate_control()),
+        memory_(writer_.layout(), keeper_options()) {
     if (asset_ && options_.still_heartbeat_us > 0)
       still_.emplace(kStillOverError * error_bound(options_, *asset_), options_.still_heartbeat_us);
-    if (asset_ && options_.memory != MemoryUse::kOff && codec == CodecKind::kQuantised) {
-      keeper_.emplace(MemoryKeeper::Options{writer_.layout(), encoded_->manifest.id.digest, options_.bitrate,
-                                            options_.memory == MemoryUse::kOn});
-    }
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -117,13 +112,13 @@ class BrokerPublisher final : public Publisher {
 
   Result<void> remember(std::vector<CodedSegment> segments) override {
     const std::lock_guard lock(mutex_);
-    keeper_.reset();  // The caller decides.
+    memory_.decide_by_caller();
     return remember_now(std::move(segments));
   }
 
   MemoryState memory() const override {
     const std::lock_guard lock(mutex_);
-    return memory_;
+    return memory_.state();
   }
 
   std::vector<double> as_received() const override {
@@ -196,7 +191,7 @@ class BrokerPublisher final : public Publisher {
 
   /// REQUIRES: mutex_ is held, nothing blocks sending.
   SendStatus send_next(Key key, TimeUs capture_us, const Work& work) {
-    if (!keeper_) return send_coded(writer_.code(std::move(key), capture_us), work);
+    if (!memory_.decides()) return send_coded(writer_.code(std::move(key), capture_us), work);
     auto coded = writer_.code(key, capture_us);
     return send_coded(std::move(coded), work, &key);
   }
@@ -228,40 +223,27 @@ class BrokerPublisher final : public Publisher {
     return status;
   }
 
-  // The memory of poses. All but the callbacks REQUIRE: mutex_ is held.
+  // The memory of poses. All but the callback REQUIRE: mutex_ is held.
+
+  std::optional<MemoryKeeper::Options> keeper_options() const {
+    if (!asset_ || options_.memory == MemoryUse::kOff || writer_.layout().is_float()) return std::nullopt;
+    return MemoryKeeper::Options{writer_.layout(), encoded_->manifest.id.digest, options_.bitrate,
+                                 options_.memory == MemoryUse::kOn};
+  }
 
   /// REQUIRES: the key has left; a key before it.
   void keep(const Key& pose, const KeyWriter::Coded& coded, std::size_t bytes) {
-    const bool grown = keeper_->add({*writer_.state(), pose, bytes, coded.next.phase, writer_.half_spacing(),
-                                     coded.capture_us, !memory_.pending && !memory_.refused});
-    stats_.saved_bytes = static_cast<std::uint64_t>(std::max(0.0, keeper_->saved_bits()) / 8);
-    if (memory_.generation != 0) stats_.memory_bytes = static_cast<std::uint64_t>(keeper_->remembered_bits() / 8);
-    const TimeUs now = steady_now_us();
-    if (!grown && !(memory_.refused && now >= memory_retry_at_us_)) return;
-    if (auto asked = remember_now(keeper_->segments()); !asked) refuse_memory(asked.error());
+    const bool due = memory_.add(
+        {*writer_.state(), pose, bytes, coded.next.phase, writer_.half_spacing(), coded.capture_us, memory_.may_grow()},
+        steady_now_us());
+    stats_.saved_bytes = memory_.saved_bytes();
+    if (memory_.state().generation != 0) stats_.memory_bytes = memory_.bytes();
+    if (!due) return;
+    if (auto asked = remember_now(memory_.segments_to_keep()); !asked) refuse_memory(asked.error());
   }
 
   Result<void> remember_now(std::vector<CodedSegment> segments) {
-    const CoefficientLayout& layout = writer_.layout();
-    if (layout.is_float()) return fail(ErrorCode::kInvalidArgument, "a float codec has no memory");
-    if (segments.size() > limits::kMaxMemorySegments)
-      return fail(ErrorCode::kTooLarge, "a memory has at most " + std::to_string(limits::kMaxMemorySegments) +
-                                            " segments: put poses together");
-    PoseMemory poses(layout);
-    std::vector<AssetObject> objects;
-    for (CodedSegment& coded : segments) {
-      if (!coded.segment || coded.segment->values.size() != coded.segment->poses * layout.size())
-        return fail(ErrorCode::kInvalidArgument, "a segment of another layout than the stream's");
-      auto grown = poses.with(std::move(coded.segment));
-      if (!grown) return grown.error();
-      poses = *std::move(grown);
-      objects.push_back({sha256(coded.bytes), std::move(coded.bytes)});
-    }
-    if (memory_.pending) return fail(ErrorCode::kRefused, "the broker has not answered the last memory yet");
-    remembered_ = std::move(objects);
-    poses_ = std::move(poses);
-    memory_.pending = true;
-    memory_.refused.reset();
+    if (auto wanted = memory_.want(std::move(segments)); !wanted) return wanted;
     if (phase_ == Phase::kLive) upload_memory();
     return {};
   }
@@ -270,23 +252,12 @@ class BrokerPublisher final : public Publisher {
   void forget_memory() {
     if (segment_uploader_) segment_uploader_->cancel();
     writer_.code_by(nullptr, false);
-    held_segments_.clear();
-    memory_.generation = 0;
-    memory_.pending = !remembered_.empty();
-    memory_.refused.reset();
-  }
-
-  /// How many of the segments the broker holds, where those are the first of them; else 0.
-  std::size_t kept_segments() const {
-    const bool extends = held_segments_.size() <= remembered_.size() &&
-                         std::equal(held_segments_.begin(), held_segments_.end(), remembered_.begin(),
-                                    [](const Sha256& held, const AssetObject& object) { return held == object.id; });
-    return extends ? held_segments_.size() : 0;
+    memory_.forget();
   }
 
   void upload_memory() {
     auto objects = std::make_shared<EncodedAsset>();
-    objects->chunks.assign(remembered_.begin() + static_cast<std::ptrdiff_t>(kept_segments()), remembered_.end());
+    objects->chunks = memory_.missing();
     if (!segment_uploader_) {
       AssetUploader::Events upload;
       upload.on_progress = [](std::uint64_t, std::uint64_t) {};
@@ -303,26 +274,15 @@ class BrokerPublisher final : public Publisher {
 
   void on_memory_uploaded(const Result<void>& done) {
     const std::lock_guard lock(mutex_);
-    if (phase_ != Phase::kLive || !memory_.pending) return;
+    if (phase_ != Phase::kLive || !memory_.state().pending) return;
     if (!done) return refuse_memory(done.error());
-    const std::size_t kept = kept_segments();
-    control::Remember m{url_.stream, ++asked_generation_, static_cast<std::uint32_t>(kept), {}};
-    for (std::size_t i = kept; i < remembered_.size(); ++i) m.segments.push_back(remembered_[i].id.hex());
-    if (socket_->send_text(text_from_control(m)) != SendStatus::kSent)
+    if (socket_->send_text(text_from_control(memory_.message(url_.stream))) != SendStatus::kSent)
       return refuse_memory(fail(ErrorCode::kDisconnected, "the broker takes no messages now"));
-    if (kept == held_segments_.size()) return;
-    // A new root: keys are plain until the broker holds it.
-    writer_.code_by(nullptr, false);
-    held_segments_.clear();
-    memory_.generation = 0;
+    if (memory_.asked()) writer_.code_by(nullptr, false);
   }
 
   void refuse_memory(const Error& why) {
-    memory_.pending = false;
-    memory_.refused = why;
-    memory_retry_us_ = std::clamp(2 * memory_retry_us_, kMemoryRetryUs, kLongestMemoryRetryUs);
-    // A broker that keeps none is asked again when the connection is new.
-    memory_retry_at_us_ = why.code == ErrorCode::kUnsupported ? INT64_MAX : steady_now_us() + memory_retry_us_;
+    memory_.refuse(why, steady_now_us());
     log(log_, why.code == ErrorCode::kUnsupported ? LogLevel::kInfo : LogLevel::kWarning,
         "memory not used: " + why.message);
   }
@@ -409,7 +369,7 @@ class BrokerPublisher final : public Publisher {
     resume_ = m.resume;
     writer_.begin(m);
     forget_memory();
-    if (memory_.pending) upload_memory();
+    if (memory_.state().pending) upload_memory();
     if (still_) still_->restart();
     stats_.state = State::kLive;
     const std::string live = stats_.detail = "live at " + at_.origin() + url_.prefix + "/" + url_.stream;
@@ -419,17 +379,12 @@ class BrokerPublisher final : public Publisher {
 
   void on_message(const control::Remembered& m) {
     const std::lock_guard lock(mutex_);
-    if (phase_ != Phase::kLive || !memory_.pending || m.generation != asked_generation_) return;
+    if (phase_ != Phase::kLive || !memory_.awaits(m.generation)) return;
     if (!m.code.empty()) return refuse_memory({code_named(m.code), m.message});
-    memory_.pending = false;
-    memory_.generation = remembered_.empty() ? 0 : m.generation;
-    memory_retry_us_ = 0;
-    held_segments_.clear();
-    for (const AssetObject& segment : remembered_) held_segments_.push_back(segment.id);
-    if (remembered_.empty()) return;
-    log(log_, LogLevel::kInfo,
-        "keys are predicted from a memory of " + std::to_string(poses_->pose_count()) + " poses");
-    const auto recaller = std::make_shared<Recaller>(*poses_);
+    const auto poses = memory_.hold();
+    if (!poses) return;
+    log(log_, LogLevel::kInfo, "keys are predicted from a memory of " + std::to_string(poses->pose_count()) + " poses");
+    const auto recaller = std::make_shared<Recaller>(*poses);
     writer_.code_by([recaller](const ChainState& state, const Key& key,
                                std::uint8_t half_spacing) { return recaller->encode(state, key, half_spacing); },
                     true);
@@ -541,14 +496,8 @@ class BrokerPublisher final : public Publisher {
   bool ever_open_ = false;
   KeyWriter writer_;
   std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.
-  MemoryState memory_;
-  std::vector<AssetObject> remembered_;                  ///< The segments of the last remember(),
-  std::optional<PoseMemory> poses_;                      ///< and their poses.
-  std::vector<Sha256> held_segments_;                    ///< Those that the broker holds.
-  std::uint32_t asked_generation_ = 0;                   ///< Grows.
-  std::optional<MemoryKeeper> keeper_;                   ///< Where it decides what to remember.
-  TimeUs memory_retry_us_ = 0, memory_retry_at_us_ = 0;  ///< After a refusal.
-  std::unique_ptr<AssetUploader> segment_uploader_;      ///< Once there was something to upload.
+  SenderMemory memory_;
+  std::unique_ptr<AssetUploader> segment_uploader_;  ///< Once there was something to upload.
   Stats stats_;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
   ClockOffset clock_;              ///< The broker's; learnt while there are traces.
