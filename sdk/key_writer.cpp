@@ -9,8 +9,9 @@ namespace eigencast {
 KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate)
     : layout_(std::move(layout)), half_spacing_(half_spacing), rate_(std::move(rate)) {}
 
-void KeyWriter::code_by(Coder coder, bool continues) {
+void KeyWriter::code_by(Coder coder, std::optional<PoseMemory> memory, bool continues) {
   coder_ = std::move(coder);
+  memory_ = std::move(memory);
   if (chain_ && !continues) chain_->phase.reset();
 }
 
@@ -31,35 +32,51 @@ Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
     return framed(*std::move(coded), capture_us);
   }
   // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
-  auto payload = encode_join(layout_, advanced(std::nullopt, key, 0));
+  ChainState first = advanced(std::nullopt, std::move(key), 0);
+  const auto payload = encode_join(layout_, first);
   if (!payload) return payload.error();
-  return framed({*std::move(payload), std::move(key)}, capture_us);
+  return framed(FrameKind::kJoin, *payload, std::move(first), capture_us);
 }
 
-Result<KeyWriter::Coded> KeyWriter::code_as(Key key, ByteView payload, TimeUs capture_us) const {
-  if (chain_ && !payload.empty()) {
+Result<KeyWriter::Coded> KeyWriter::code_as(Key key, ByteView payload, std::optional<std::uint32_t> phase,
+                                            TimeUs capture_us) const {
+  if (!chain_ || payload.empty()) return code(std::move(key), capture_us);
+  CodedKey as_it_was{Bytes(payload.begin(), payload.end()), key, phase};
+  if (!phase) {
     if (const auto here = decode_key(layout_, key.bands, *chain_, payload); here && *here == key)
-      return framed({Bytes(payload.begin(), payload.end()), std::move(key)}, capture_us);
+      return framed(std::move(as_it_was), capture_us);
+    return code(std::move(key), capture_us);
   }
-  return code(std::move(key), capture_us);
+  if (!memory_ || !memory_->has(*phase)) return code(std::move(key), capture_us);
+  const auto here = decode_recalled_key(layout_, key.bands, *chain_, *memory_, payload);
+  if (here && here->key == key && here->phase == *phase) return framed(std::move(as_it_was), capture_us);
+  // The chain lacks the phase before: a join has this one, and the keys after it follow as they did.
+  ChainState next{chain_->newer, std::move(key), capture_us - newest_.capture_us, phase};
+  const auto join = encode_join(layout_, next);
+  if (!join) return join.error();
+  return framed(FrameKind::kJoin, *join, std::move(next), capture_us);
 }
 
 KeyWriter::Coded KeyWriter::framed(CodedKey coded, TimeUs capture_us) const {
+  const ByteView payload = coded.payload;
+  return framed(FrameKind::kKey, payload,
+                {chain_->newer, std::move(coded.key), capture_us - newest_.capture_us, coded.phase}, capture_us);
+}
+
+KeyWriter::Coded KeyWriter::framed(FrameKind kind, ByteView payload, ChainState next, TimeUs capture_us) const {
   Envelope envelope;
-  envelope.bands = coded.key.bands;
+  envelope.bands = next.newer.bands;
   envelope.stream_id = announced_.stream_id;
   envelope.tag = announced_.tag;
   envelope.sequence = newest_.sequence + 1;
   envelope.capture_us = capture_us;
-  envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
-  envelope.flags = coded.phase ? Envelope::kRecalled : std::uint8_t{0};
-  ChainState next = chain_
-                        ? ChainState{chain_->newer, std::move(coded.key), capture_us - newest_.capture_us, coded.phase}
-                        : advanced(std::nullopt, std::move(coded.key), 0);
+  envelope.kind = kind;
+  envelope.flags = next.phase ? Envelope::kRecalled : std::uint8_t{0};
+  if (kind == FrameKind::kJoin) envelope.age_us = next.age_us;
   Coded out{{}, std::move(next), capture_us};
-  out.message.reserve(Envelope::kMaxBytes + coded.payload.size());
+  out.message.reserve(Envelope::kMaxBytes + payload.size());
   append_envelope(envelope, &newest_, out.message);
-  out.message.insert(out.message.end(), coded.payload.begin(), coded.payload.end());
+  out.message.insert(out.message.end(), payload.begin(), payload.end());
   return out;
 }
 

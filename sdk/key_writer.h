@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/codec/chain.h"
+#include "common/codec/pose_memory.h"
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
 #include "common/wire/control.h"
@@ -25,6 +26,7 @@ class KeyWriter {
     ChainState next;
     TimeUs capture_us = 0;
   };
+
   /// As encode_key.
   using Coder = std::function<Result<CodedKey>(const ChainState& state, const Key& key, std::uint8_t half_spacing)>;
 
@@ -34,13 +36,14 @@ class KeyWriter {
   /// The next message is the first of a stream that the broker knows by these.
   void begin(const control::Announced& announced);
   void restart() { chain_.reset(); }  ///< The chain is broken: the next message is a join.
-  /// Codes the keys to come, as Recaller::encode does; null: encode_key. `continues`: a memory has all poses of the one
-  /// before.
-  void code_by(Coder coder, bool continues);
+  /// Codes the keys to come from a memory, as Recaller::encode does; nothing: by encode_key. `continues`: the memory
+  /// has all poses of the one before.
+  void code_by(Coder coder, std::optional<PoseMemory> memory, bool continues);
 
   Result<Coded> code(Key key, TimeUs capture_us) const;  ///< Errors: those of the codec.
   /// The same, with the payload that it had in another chain where that gives the same key in this one: exactly.
-  Result<Coded> code_as(Key key, ByteView payload, TimeUs capture_us) const;
+  ///   phase  where in the memory it was predicted from there, if it was
+  Result<Coded> code_as(Key key, ByteView payload, std::optional<std::uint32_t> phase, TimeUs capture_us) const;
   void sent(Coded coded, std::size_t bytes);
 
   const ChainState* state() const { return chain_ ? &*chain_ : nullptr; }  ///< Null before the first of a chain.
@@ -56,12 +59,14 @@ class KeyWriter {
 
  private:
   Coded framed(CodedKey coded, TimeUs capture_us) const;
+  Coded framed(FrameKind kind, ByteView payload, ChainState next, TimeUs capture_us) const;
 
   const CoefficientLayout layout_;
   const std::uint8_t half_spacing_;
   std::optional<RateControl> rate_;
   Coder coder_;
-  std::optional<ChainState> chain_;  ///< Nothing until the first message of a chain.
+  std::optional<PoseMemory> memory_;  ///< The coder's.
+  std::optional<ChainState> chain_;   ///< Nothing until the first message of a chain.
   control::Announced announced_;
   ChainClock newest_;
 };

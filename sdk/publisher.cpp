@@ -91,11 +91,11 @@ class BrokerPublisher final : public Publisher {
     if (socket_) socket_->stop();
   }
 
-  SendStatus send_key(Key key, TimeUs capture_us, ByteView coded) override {
+  SendStatus send_key(Key key, TimeUs capture_us, ByteView coded, std::optional<std::uint32_t> phase) override {
     const TimeUs begun_us = steady_now_us();
     const std::lock_guard lock(mutex_);
     if (const auto early = send_blocker(capture_us)) return *early;
-    return send_coded(writer_.code_as(std::move(key), coded, capture_us), {begun_us, 0});
+    return send_coded(writer_.code_as(std::move(key), coded, phase, capture_us), {begun_us, 0});
   }
 
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us, std::span<const double> V) override {
@@ -251,7 +251,7 @@ class BrokerPublisher final : public Publisher {
   /// The broker has nothing of it (any more).
   void forget_memory() {
     if (segment_uploader_) segment_uploader_->cancel();
-    writer_.code_by(nullptr, false);
+    writer_.code_by({}, {}, false);
     memory_.forget();
   }
 
@@ -278,7 +278,7 @@ class BrokerPublisher final : public Publisher {
     if (!done) return refuse_memory(done.error());
     if (socket_->send_text(text_from_control(memory_.message(url_.stream))) != SendStatus::kSent)
       return refuse_memory(fail(ErrorCode::kDisconnected, "the broker takes no messages now"));
-    if (memory_.asked()) writer_.code_by(nullptr, false);
+    if (memory_.asked()) writer_.code_by({}, {}, false);
   }
 
   void refuse_memory(const Error& why) {
@@ -385,9 +385,10 @@ class BrokerPublisher final : public Publisher {
     if (!poses) return;
     log(log_, LogLevel::kInfo, "keys are predicted from a memory of " + std::to_string(poses->pose_count()) + " poses");
     const auto recaller = std::make_shared<Recaller>(*poses);
-    writer_.code_by([recaller](const ChainState& state, const Key& key,
-                               std::uint8_t half_spacing) { return recaller->encode(state, key, half_spacing); },
-                    true);
+    const auto coder = [recaller](const ChainState& state, const Key& key, std::uint8_t half_spacing) {
+      return recaller->encode(state, key, half_spacing);
+    };
+    writer_.code_by(coder, *poses, true);
   }
 
   void on_message(const control::Subscribers& m) {

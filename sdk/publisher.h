@@ -119,7 +119,9 @@ class Publisher {
   /// All or some of the bands of create_for_keys()'s format; the rest as send_coefficients().
   ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key; otherwise
   ///          the key is coded exactly
-  virtual SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {}) = 0;
+  ///   phase  where in remember()ed poses it was predicted from there, if it was
+  virtual SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {},
+                              std::optional<std::uint32_t> phase = {}) = 0;
   /// C: r x 3 row-major; V: their velocities, r x 3, per second, or empty; capture_us: when the pose holds, on the
   /// steady clock, growing. kDropped: also for a time outside 0..kMaxTimeUs, and where V is not as announced.
   virtual SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us,

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "common/codec/chain.h"
+#include "common/codec/pose_memory.h"
 #include "common/core/hash/sha256.h"
 #include "common/recording/reader.h"
 #include "common/wire/control.h"
@@ -30,10 +31,15 @@ constexpr TimeUs kPollUs = 100'000;
 /// Longer pauses of the recording are cut to this.
 constexpr TimeUs kLongestPauseUs = 5'000'000;
 
+bool is_segment(ByteView object) {
+  return object.size() > kSegmentMagic.size() && std::equal(kSegmentMagic.begin(), kSegmentMagic.end(), object.begin());
+}
+
 struct Pose {
   Key key;
-  Bytes coded;         ///< As a key of its chain; empty: it was a join.
-  TimeUs time_us = 0;  ///< Runs with the recording.
+  Bytes coded;                         ///< As a key of its chain; empty: it was a join.
+  std::optional<std::uint32_t> phase;  ///< Where in the memory it was predicted from, if it was.
+  TimeUs time_us = 0;                  ///< Runs with the recording.
 };
 
 /// So that playing can begin anywhere.
@@ -41,9 +47,11 @@ class ChainFollower {
  public:
   void begin(CoefficientLayout layout) {
     layout_ = std::move(layout);
+    memory_.reset();
     state_.reset();
     reader_.restart();
   }
+  void remember(PoseMemory memory) { memory_ = std::move(memory); }
   /// Nothing: not a new pose. Errors: kCorrupt.
   Result<std::optional<Pose>> follow(const Record& record) {
     const auto parsed = parse_frame(record.body);
@@ -51,28 +59,47 @@ class ChainFollower {
     const auto frame = reader_.read(*parsed);
     if (!frame) return std::optional<Pose>();  // Behind a gap: the checkpoint that bridges it comes.
     const Envelope& head = frame->envelope;
+    if (head.is_recalled() && !memory_)
+      return fail(ErrorCode::kCorrupt, "a key is predicted from a memory that the recording does not have");
     if (head.kind == FrameKind::kJoin) {
-      auto state = decode_join(layout_, head.bands, frame->payload);
+      auto state = decode_join(layout_, head.bands, frame->payload, head.is_recalled());
       if (!state) return state.error();
+      if (state->phase && !memory_->has(*state->phase))
+        return fail(ErrorCode::kCorrupt, "a checkpoint has a phase that its memory does not have");
       const bool known = state_ && head.sequence == sequence_;
       state_ = std::move(*state);
       if (known) return std::optional<Pose>();
       sequence_ = head.sequence;
-      return std::optional(Pose{state_->newer, {}, record.time_us});
+      return std::optional(Pose{state_->newer, {}, {}, record.time_us});
     }
     if (head.kind == FrameKind::kKey && state_) {
-      auto key = decode_key(layout_, head.bands, *state_, frame->payload);
-      if (!key) return key.error();
-      state_ = advanced(std::move(state_), std::move(*key), 0);
+      auto next = decoded(*frame);
+      if (!next) return next.error();
+      state_ = std::move(*next);
       sequence_ = head.sequence;
-      return std::optional(Pose{state_->newer, Bytes(frame->payload.begin(), frame->payload.end()), record.time_us});
+      return std::optional(
+          Pose{state_->newer, Bytes(frame->payload.begin(), frame->payload.end()), state_->phase, record.time_us});
     }
     return std::optional<Pose>();
   }
 
  private:
+  /// REQUIRES: there is a state, and a memory where the frame needs one.
+  Result<ChainState> decoded(const FrameView& frame) const {
+    const BandMask bands = frame.envelope.bands;
+    if (!frame.envelope.is_recalled()) {
+      auto key = decode_key(layout_, bands, *state_, frame.payload);
+      if (!key) return key.error();
+      return advanced(state_, std::move(*key), 0);
+    }
+    auto recalled = decode_recalled_key(layout_, bands, *state_, *memory_, frame.payload);
+    if (!recalled) return recalled.error();
+    return advanced(state_, std::move(recalled->key), 0, recalled->phase);
+  }
+
   CoefficientLayout layout_;
   EnvelopeReader reader_;
+  std::optional<PoseMemory> memory_;
   std::optional<ChainState> state_;
   std::uint64_t sequence_ = 0;
 };
@@ -118,6 +145,9 @@ class Replayer {
       if ((**record).type == Type::kAnnounce) {
         if (auto begun = begin(**record); !begun) return begun.error();
       }
+      if ((**record).type == Type::kMemory) {
+        if (auto remembered = remember(**record); !remembered) return in_context(command_.file, remembered.error());
+      }
       if ((**record).type != Type::kFrame && (**record).type != Type::kCheckpoint) continue;
       auto pose = chain_.follow(**record);
       if (!pose) return in_context(command_.file, pose.error());
@@ -152,7 +182,11 @@ class Replayer {
     if (interrupt.wait_until(due_us_)) return false;
     // Even when the recording's arrivals came in a burst, captures grow.
     capture_us_ = std::max(capture_us_ + 1, due_us_);
-    publisher_->send_key(std::move(pose.key), capture_us_, pose.coded) == SendStatus::kSent ? ++sent_ : ++dropped_;
+    // Until the broker has the memory keys are coded exactly, as any that need none.
+    if (!to_remember_.empty() && !publisher_->memory().pending)
+      (void)publisher_->remember(std::exchange(to_remember_, {}));
+    const SendStatus sent = publisher_->send_key(std::move(pose.key), capture_us_, pose.coded, pose.phase);
+    sent == SendStatus::kSent ? ++sent_ : ++dropped_;
     return true;
   }
 
@@ -168,8 +202,33 @@ class Replayer {
     const bool same = announced_ && publisher_ && announced_->asset == announce->asset &&
                       announced_->format == announce->format && announced_->world == announce->world;
     announced_ = *announce;
-    chain_.begin({*codec, announce->format.rows, announce->format.channels, announce->format.band_ends});
+    layout_ = {*codec, announce->format.rows, announce->format.channels, announce->format.band_ends};
+    chain_.begin(layout_);
     if (!same) publisher_.reset();  // Another epoch begins with the next pose.
+    return {};
+  }
+
+  /// The poses that later keys are predicted from. Errors: kCorrupt, those of decode_segment.
+  Result<void> remember(const Record& record) {
+    const auto asset = announced_ ? Sha256::from_hex(announced_->asset) : std::nullopt;
+    if (!asset || layout_.is_float() || record.body.size() % recording::kIdBytes != 0)
+      return fail(ErrorCode::kCorrupt, "a memory without an announcement that it fits");
+    PoseMemory memory(layout_);
+    to_remember_.clear();
+    for (ByteView ids = record.body; !ids.empty(); ids = ids.subspan(recording::kIdBytes)) {
+      Sha256 id;
+      std::copy_n(ids.begin(), recording::kIdBytes, id.digest.begin());
+      const auto object = objects_.find(id);
+      if (object == objects_.end())
+        return fail(ErrorCode::kCorrupt, "the recording lacks segment " + id.hex() + " of a memory");
+      auto segment = decode_segment(layout_, asset->digest, object->second);
+      if (!segment) return segment.error();
+      auto grown = memory.with(*segment);
+      if (!grown) return grown.error();
+      memory = *std::move(grown);
+      to_remember_.push_back({object->second, *std::move(segment)});
+    }
+    chain_.remember(std::move(memory));
     return {};
   }
 
@@ -182,7 +241,7 @@ class Replayer {
     if (const auto manifest = objects_.find(*id); manifest != objects_.end()) {
       encoded->manifest.bytes = manifest->second;
       for (const auto& [other, bytes] : objects_) {
-        if (other != *id) encoded->chunks.push_back({other, bytes});
+        if (other != *id && !is_segment(bytes)) encoded->chunks.push_back({other, bytes});
       }
     }
     PublisherOptions options;
@@ -233,7 +292,9 @@ class Replayer {
   recording::Reader reader_;
   std::map<Sha256, Bytes> objects_;
   std::optional<control::Announce> announced_;
+  CoefficientLayout layout_;
   ChainFollower chain_;
+  std::vector<CodedSegment> to_remember_;  ///< By the publisher, as soon as it may.
   std::unique_ptr<Publisher> publisher_;
   TimeUs due_us_ = 0;
   TimeUs capture_us_ = 0;

@@ -28,11 +28,12 @@ Result<void> load(const AssetStore& assets, const CoefficientLayout& layout, con
       if (!object) return object.error();
       if (object->size > PoseMemory::kMaxBytes)
         return fail(ErrorCode::kTooLarge, "segment " + segment.id + " is over 8 MiB");
-      const auto bytes = assets.bytes_of(id);
+      auto bytes = assets.bytes_of(id);
       if (!bytes) return bytes.error();
       auto decoded = decode_segment(layout, asset, *bytes);
       if (!decoded) return decoded.error();
       segment.poses = *std::move(decoded);
+      segment.coded = std::make_shared<const Bytes>(*std::move(bytes));
     }
     if (auto fits = PoseMemory::check_size(layout, poses += segment.poses->poses); !fits) return fits;
   }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/codec/pose_memory.h"
+#include "common/core/bytes.h"
 
 namespace eigencast::broker {
 
@@ -17,6 +18,7 @@ struct Generation {
     std::string id;  ///< 64 hexadecimal digits.
     std::shared_ptr<const MemorySegment> poses;
     std::uint32_t since = 0;  ///< The first generation that has it.
+    std::shared_ptr<const Bytes> coded{};
   };
   std::uint32_t number = 0;
   std::uint32_t root = 0;  ///< Who held this one has the first poses of the later ones; who held none since has none.

@@ -75,7 +75,8 @@ Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segm
   Generation next{number, before != nullptr ? before->root : number,
                   before != nullptr ? before->poses : PoseMemory(stream.layout()), std::move(segments)};
   const auto bytes_of = [&](const Generation::Segment& segment) {
-    return kSegmentBytes + static_cast<std::int64_t>(segment.poses->values.size() * sizeof(std::int32_t));
+    const std::size_t coded = segment.coded ? segment.coded->size() : 0;
+    return kSegmentBytes + static_cast<std::int64_t>(segment.poses->values.size() * sizeof(std::int32_t) + coded);
   };
   Shares& poses = settings_.stream.memory->poses;
   const std::string& payer = stream.keys_.payer;
@@ -89,8 +90,9 @@ Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segm
   }
   for (auto& segment : added) {
     segment.since = number;
-    segment.poses = {segment.poses.get(),
-                     [held = segment.poses, charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
+    // Recordings may hold them when the hub has gone: what they are charged to goes last.
+    segment.poses = {segment.poses.get(), [memory = settings_.stream.memory, held = segment.poses,
+                                           charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
     auto grown = next.poses.with(segment.poses);
     if (!grown) return grown.error();
     next.poses = *std::move(grown);

@@ -61,6 +61,7 @@ struct Recorder::Session {
   // GUARDED_BY(Recorder::mutex_).
   bool announced = false;
   bool wants_checkpoint = true;
+  std::uint32_t memory = 0;  ///< The generation that the file has.
   TimeUs checkpoint_us = 0;
   std::uint64_t dropped = 0;  ///< Since the last enqueued key.
   bool failed = false;
@@ -85,6 +86,7 @@ struct Recorder::Item {
   KeyRecord state{};              ///< kKey, for a checkpoint: without payload. Without `after`: none is due.
   std::uint64_t dropped = 0;      ///< Keys dropped before this one.
   control::Announce announced{};  ///< kAnnounce
+  GenerationPtr memory{};         ///< Likewise; null: none.
   CoefficientLayout layout{};
   std::string holder{};
   std::int64_t bytes = 0;
@@ -159,17 +161,18 @@ void Recorder::on_announced(const Stream& stream) {
 
 void Recorder::announce(const SessionPtr& session, const Stream& stream) {
   session->announced = session->wants_checkpoint = true;
+  session->memory = stream.memory() ? stream.memory()->number : 0;
   // Ignores the bound: one per epoch, and the file is unreadable without it.
   push({.kind = Item::Kind::kAnnounce,
         .session = session,
         .announced = stream.announcement(),
+        .memory = stream.memory(),
         .layout = stream.layout(),
         .holder = stream.payer(),
         .bytes = kItemBytes});
 }
 
-/// Recordings hold no memory: keys are recorded as those that need none.
-void Recorder::on_key(const Stream& stream, const KeyRecordPtr&) {
+void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   if (active_.load(std::memory_order_relaxed) == 0) return;
   const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(stream.name());
@@ -177,8 +180,8 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr&) {
   Session& session = *found->second;
   if (session.failed) return;
   if (!session.announced) announce(found->second, stream);
-  const KeyRecordPtr& record = stream.plain();
-  const bool gap = session.wants_checkpoint;
+  const bool recalls_more = record->generation > session.memory;
+  const bool gap = session.wants_checkpoint || recalls_more;
   const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
   const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
   const std::int64_t bytes = kItemBytes + static_cast<std::int64_t>(held);
@@ -191,6 +194,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr&) {
     session.wants_checkpoint = true;
     return;
   }
+  if (recalls_more) announce(found->second, stream);
   session.wants_checkpoint = false;
   KeyRecord state;
   if (checkpoint) {
@@ -327,9 +331,7 @@ void Recorder::work(Item& item) {
       if (!session.writer) return;
       holder_of_[session.info.file] = item.holder;
       if (std::find(open_.begin(), open_.end(), item.session) == open_.end()) open_.push_back(item.session);
-      (void)session.writer->announce(session.writer->duration_us(), text_from_control(item.announced));
-      if (settings_.include_asset) write_asset(session);
-      return;
+      return write_announcement(session, item);
     case Item::Kind::kKey:
       return write_key(item);
     case Item::Kind::kEnd:
@@ -366,6 +368,31 @@ void Recorder::open(Session& session) {
   log(log_, LogLevel::kInfo, "recording '" + session.stream + "' into " + session.info.file);
 }
 
+/// With the memory that keys after it need. What is no longer written ends the session.
+void Recorder::write_announcement(Session& session, const Item& item) {
+  Bytes ids;
+  if (item.memory) {
+    for (const Generation::Segment& segment : item.memory->segments) {
+      const Sha256 id = *Sha256::from_hex(segment.id);  // It was checked before it was remembered.
+      if (!write_object(session, id, *segment.coded)) return;
+      ids.insert(ids.end(), id.digest.begin(), id.digest.end());
+    }
+  }
+  (void)session.writer->announce(session.writer->duration_us(), text_from_control(item.announced), ids);
+  if (settings_.include_asset) write_asset(session);
+}
+
+/// Once each. False: nothing more is to be written.
+bool Recorder::write_object(Session& session, const Sha256& id, ByteView bytes) {
+  if (!session.objects.insert(id).second) return true;
+  if (auto ok = session.writer->object(session.writer->duration_us(), id.digest, bytes); !ok) {
+    fail_session(session, ok.error());
+    return false;
+  }
+  note(session);
+  return true;
+}
+
 void Recorder::write_asset(Session& session) {
   const auto id = Sha256::from_hex(session.asset);
   if (!id || session.objects.contains(*id)) return;
@@ -377,11 +404,7 @@ void Recorder::write_asset(Session& session) {
     if (session.objects.contains(part)) continue;
     const auto bytes = assets_.bytes_of(part);
     if (!bytes) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + bytes.error().message);
-    if (auto ok = session.writer->object(session.writer->duration_us(), part.digest, *bytes); !ok) {
-      return fail_session(session, ok.error());
-    }
-    session.objects.insert(part);
-    note(session);
+    if (!write_object(session, part, *bytes)) return;
     const std::lock_guard lock(mutex_);
     if (used_up(session.holder) != nullptr) return;  // flush_all() ends it.
   }

@@ -91,7 +91,9 @@ class Recorder final : public StreamTap {
   const char* used_up(const std::string& holder) const;
   void work(Item& item);
   void open(Session& session);
+  bool write_object(Session& session, const Sha256& id, ByteView bytes);
   void write_asset(Session& session);
+  void write_announcement(Session& session, const Item& item);
   void write_key(const Item& item);
   void flush_all(bool sync);
   void fail_session(Session& session, const Error& error);

@@ -22,7 +22,7 @@ inline constexpr std::size_t kMaxBodyBytes = (std::size_t{256} << 20) + 32;  ///
 inline constexpr std::size_t kIdBytes = 32;
 
 /// Values are in files, from 1 on.
-enum class Type : std::uint8_t { kStart = 1, kAnnounce, kFrame, kCheckpoint, kObject, kIndex, kEnd, kGap };
+enum class Type : std::uint8_t { kStart = 1, kAnnounce, kFrame, kCheckpoint, kObject, kIndex, kEnd, kGap, kMemory };
 
 /// Where a reader may begin: a checkpoint, and the announcement that it belongs to, as offsets in the file.
 struct IndexEntry {

@@ -163,21 +163,25 @@ std::optional<Record> Reader::record_at(std::uint64_t offset) {
 }
 
 Result<std::optional<Record>> Reader::next() {
-  if (pending_) return std::exchange(pending_, std::nullopt);
+  if (!pending_.empty()) {
+    std::optional<Record> next = std::move(pending_.front());
+    pending_.pop_front();
+    return next;
+  }
   while (at_ < info_.whole_bytes) {
     auto record = record_at(at_);
     if (!record) return fail(ErrorCode::kCorrupt, "the record at byte " + std::to_string(at_) + " is damaged");
     at_ += kHeadBytes + record->body.size();
     const Type type = record->type;
     if (type == Type::kAnnounce || type == Type::kFrame || type == Type::kCheckpoint || type == Type::kObject ||
-        type == Type::kGap)
+        type == Type::kGap || type == Type::kMemory)
       return std::optional(std::move(*record));
   }
   return std::optional<Record>();
 }
 
 Result<void> Reader::seek(TimeUs time_us) {
-  pending_.reset();
+  pending_.clear();
   at_ = first_;
   const auto after = std::upper_bound(index_.begin(), index_.end(), time_us,
                                       [](TimeUs time, const IndexEntry& entry) { return time < entry.time_us; });
@@ -188,7 +192,9 @@ Result<void> Reader::seek(TimeUs time_us) {
     return fail(ErrorCode::kCorrupt,
                 "the index names an announcement at byte " + std::to_string(entry.announce) + ", and there is none");
   }
-  pending_ = std::move(*announce);
+  auto memory = record_at(entry.announce + kHeadBytes + announce->body.size());
+  pending_.push_back(std::move(*announce));
+  if (memory && memory->type == Type::kMemory) pending_.push_back(std::move(*memory));
   at_ = entry.checkpoint;
   return {};
 }

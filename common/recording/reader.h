@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <deque>
 #include <istream>
 #include <memory>
 #include <optional>
@@ -41,12 +42,12 @@ class Reader {
   const Info& info() const { return info_; }
   const std::vector<IndexEntry>& index() const { return index_; }
 
-  /// The next announcement, frame, checkpoint, object or gap; nothing at the end.
+  /// The next announcement, memory, frame, checkpoint, object or gap; nothing at the end.
   /// Errors: kCorrupt (a record before the end is damaged).
   Result<std::optional<Record>> next();
 
-  /// Goes to the last checkpoint at or before `time_us`: next() gives its announcement, then it, then what followed.
-  /// Before the first checkpoint: to the beginning. Errors: kCorrupt.
+  /// Goes to the last checkpoint at or before `time_us`: next() gives its announcement with its memory, then it, then
+  /// what followed. Before the first checkpoint: to the beginning. Errors: kCorrupt.
   Result<void> seek(TimeUs time_us);
 
   /// Whether the recording holds objects of assets; reads the heads of all records. They come by next() from the
@@ -79,7 +80,7 @@ class Reader {
   std::uint64_t first_ = kHeaderBytes;  ///< The record behind "start".
   Info info_;
   std::vector<IndexEntry> index_;
-  std::optional<Record> pending_;
+  std::deque<Record> pending_;
 };
 
 }  // namespace eigencast::recording

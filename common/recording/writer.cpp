@@ -44,9 +44,10 @@ Result<Writer> Writer::create(const std::string& path, const Start& start) {
   return writer;
 }
 
-Result<void> Writer::announce(TimeUs time_us, std::string_view text) {
+Result<void> Writer::announce(TimeUs time_us, std::string_view text, ByteView memory) {
   announce_ = bytes();
   append(Type::kAnnounce, time_us, ByteView(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+  if (!memory.empty()) append(Type::kMemory, time_us, memory);
   return {};
 }
 

@@ -33,7 +33,8 @@ class Writer {
   /// Makes a new file; one that is there already is left alone. Errors: kRefused (it is there), kIo.
   static Result<Writer> create(const std::string& path, const Start& start);
 
-  Result<void> announce(TimeUs time_us, std::string_view text);
+  /// memory  the ids of the segments that frames from here on are predicted from; object() came before with each
+  Result<void> announce(TimeUs time_us, std::string_view text, ByteView memory = {});
   Result<void> frame(TimeUs time_us, ByteView message);
   /// A join frame. REQUIRES: announce() came before.
   Result<void> checkpoint(TimeUs time_us, ByteView join);

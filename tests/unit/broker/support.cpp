@@ -69,6 +69,14 @@ Bytes FakeSender::next(TimeUs capture_us) {
   return message;
 }
 
+Generation::Segment segment_of(int first, int count) {
+  std::vector<Key> keys;
+  for (int i = first; i < first + count; ++i) keys.push_back(key_number(i));
+  CodedSegment coded = encode_segment(small_layout(), {}, keys, 1).value();
+  const std::string id = sha256(coded.bytes).hex();
+  return {id, std::move(coded.segment), 0, std::make_shared<const Bytes>(std::move(coded.bytes))};
+}
+
 Bytes FakeSender::next_recalled(TimeUs capture_us, const PoseMemory& memory, std::uint32_t phase) {
   const Key key = key_number(static_cast<int>(sequence_));
   const CodedKey coded = encode_recalled_key(small_layout(), *state_, memory, phase, key, 3).value();

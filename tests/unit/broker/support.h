@@ -36,6 +36,9 @@ Bytes manifest_of(const std::vector<Sha256>& chunks);
 /// Key number `i` of a curved motion.
 Key key_number(int i);
 
+/// Poses that the FakeSender sends, of the asset 00...
+Generation::Segment segment_of(int first, int count);
+
 /// The messages of a sender, without a network.
 class FakeSender : public PublisherLink {
  public:

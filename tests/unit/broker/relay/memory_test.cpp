@@ -15,19 +15,9 @@ using testing::FakeSender;
 using testing::key_number;
 using testing::kLinear;
 using testing::kRaw;
+using testing::segment_of;
 using testing::small_announce;
 using testing::small_layout;
-
-constexpr AssetDigest kAsset{};
-
-/// Poses that the FakeSender sends.
-Generation::Segment segment_of(int first, int count) {
-  std::vector<Key> keys;
-  for (int i = first; i < first + count; ++i) keys.push_back(key_number(i));
-  const CodedSegment coded = encode_segment(small_layout(), kAsset, keys, 1).value();
-  return {std::string(64, static_cast<char>('a' + first % 6)),
-          decode_segment(small_layout(), kAsset, coded.bytes).value(), 0};
-}
 
 /// Takes joins as a connection does: on a restart.
 class MemoryViewer : public FakeReceiver {
@@ -274,11 +264,12 @@ TEST_F(MemoryTest, PosesAreChargedAndGivenBack) {
   const std::int64_t bytes = hub_->memory_bytes();
   EXPECT_GE(bytes, 100 * 24 * 4);
   remember(100, 100);
-  EXPECT_EQ(hub_->memory_bytes(), 2 * bytes);
+  const std::int64_t both = hub_->memory_bytes();
+  EXPECT_GE(both, bytes + 100 * 24 * 4);
   auto segments = stream_->memory()->segments;
   segments.push_back(segment_of(200, 300));
   EXPECT_EQ(hub_->remember(*stream_, segments).error().code, ErrorCode::kTooLarge);
-  EXPECT_EQ(hub_->memory_bytes(), 2 * bytes);
+  EXPECT_EQ(hub_->memory_bytes(), both);
   EXPECT_EQ(stream_->memory()->poses.pose_count(), 200U) << "what it had stays";
   stream_->set_memory(nullptr);
   segments.clear();

@@ -27,6 +27,7 @@ using ::testing::HasSubstr;
 using testing::key_number;
 using testing::large_announce;
 using testing::large_message;
+using testing::segment_of;
 using testing::small_announce;
 using testing::small_layout;
 
@@ -87,6 +88,49 @@ class RecorderTest : public ::testing::Test {
     for (const auto& entry : std::filesystem::directory_iterator(settings_.folder))
       found.push_back(entry.path().string());
     return found;
+  }
+  /// The keys from where the reader stands. All that they need came before.
+  static std::vector<Key> decode_recalled(recording::Reader& reader) {
+    std::vector<Key> keys;
+    std::map<Sha256, Bytes> objects;
+    const auto offsets = reader.object_offsets().value();
+    for (const std::uint64_t offset : offsets) {
+      const Bytes body = reader.object_at(offset)->body;
+      const Bytes bytes(body.begin() + recording::kIdBytes, body.end());
+      objects[sha256(bytes)] = bytes;
+    }
+    std::optional<ChainState> state;
+    PoseMemory memory(small_layout());
+    EnvelopeReader frames;
+    for (auto record = reader.next(); record && *record; record = reader.next()) {
+      const auto& [type, time_us, body] = **record;
+      if (type == recording::Type::kAnnounce) {
+        state.reset();
+        frames.restart();
+        memory = PoseMemory(small_layout());
+      }
+      for (std::size_t at = 0; type == recording::Type::kMemory && at < body.size(); at += recording::kIdBytes) {
+        Sha256 id;
+        std::copy_n(body.begin() + static_cast<std::ptrdiff_t>(at), recording::kIdBytes, id.digest.begin());
+        memory = memory.with(decode_segment(small_layout(), {}, objects.at(id)).value()).value();
+      }
+      if (type != recording::Type::kFrame && type != recording::Type::kCheckpoint) continue;
+      const auto frame = frames.read(parse_frame(body).value()).value();
+      const Envelope& head = frame.envelope;
+      if (head.kind == FrameKind::kJoin) {
+        auto join = decode_join(small_layout(), head.bands, frame.payload, head.is_recalled()).value();
+        const bool known = state && state->newer == join.newer;
+        state = std::move(join);
+        if (known) continue;
+      } else if (head.is_recalled()) {
+        auto key = decode_recalled_key(small_layout(), head.bands, *state, memory, frame.payload).value();
+        state = advanced(state, key.key, 0, key.phase);
+      } else {
+        state = advanced(state, decode_key(small_layout(), head.bands, *state, frame.payload).value(), 0);
+      }
+      keys.push_back(state->newer);
+    }
+    return keys;
   }
   /// The sequences of all keys that can be decoded from where the reader stands; each must be key_number(sequence).
   static std::vector<std::uint64_t> decode(recording::Reader& reader) {
@@ -207,6 +251,51 @@ TEST_F(RecorderTest, SlowDiskDropsAndBridgesFrames) {
   EXPECT_EQ(reader->info().dropped, dropped);
   const auto all = decode(*reader);
   EXPECT_EQ(all.size() + dropped, 503u) << "and all that was taken can be decoded";
+}
+
+TEST_F(RecorderTest, AMemoryIsThereBeforeWhatNeedsIt) {
+  settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
+  start();
+  auto hub = std::make_unique<Hub>(Hub::Settings{.stream = {.taps = {assets_.get(), recorder_.get()}}});
+  Stream& stream = announce_as(*hub, "a", "camera", 10);
+  FakeSender& sender = senders_.back();
+  sender.tag = stream.tag();
+  std::vector<Key> sent;
+  const auto add = [&](const Bytes& message) {
+    ASSERT_TRUE(stream.add_frame(message, now_us_));
+    sent.push_back(sender.sent());
+    now_us_ += 33'000;
+  };
+  const auto remember = [&](std::vector<Generation::Segment> before, int first) {
+    before.push_back(segment_of(first, 20));
+    ASSERT_TRUE(hub->remember(stream, std::move(before)));
+  };
+  const auto recall = [&](std::uint32_t from, std::uint32_t to) {
+    for (std::uint32_t pose = from; pose < to; ++pose)
+      add(sender.next_recalled(now_us_, stream.memory()->poses, 8 * pose));
+  };
+  for (int i = 0; i < 3; ++i) add(sender.next(now_us_));
+  remember({}, 0);
+  add(sender.next(now_us_));
+  recall(2, 19);
+  remember(stream.memory()->segments, 20);
+  recall(5, 9);
+  recall(22, 39);
+  stream.set_memory(nullptr);
+  sender.forget_phase();
+  add(sender.next(now_us_));
+  remember({}, 40);
+  recall(1, 19);
+  hub.reset();
+  end();
+  auto reader = recording::Reader::open(files().at(0));
+  ASSERT_TRUE(reader);
+  EXPECT_EQ(decode_recalled(*reader), sent);
+  for (TimeUs at_us = 0; at_us < reader->info().duration_us; at_us += 200'000) {
+    ASSERT_TRUE(reader->seek(at_us));
+    const auto late = decode_recalled(*reader);
+    EXPECT_TRUE(!late.empty() && std::equal(late.rbegin(), late.rend(), sent.rbegin())) << at_us;
+  }
 }
 
 TEST_F(RecorderTest, QueueHoldsNoStatesOfLargeStreams) {
