@@ -197,8 +197,9 @@ void Broker::run() {
   context().drain = [this] { stop(); };
   if (member_) {
     const auto replaces = [this] { return config().streams.second_sender == "replace"; };
-    member_->start(
-        {loop(), background_, epochs_, loops_.first().hub(), replaces, [this] { loops_.first().arm_schedule(); }});
+    const auto remembers = [this] { return config().memory.enabled; };
+    member_->start({loop(), background_, epochs_, loops_.first().hub(), replaces, remembers,
+                    [this] { loops_.first().arm_schedule(); }});
   }
   tick();
   watch();

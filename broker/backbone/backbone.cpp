@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "broker/backbone/remote_memory.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
@@ -312,19 +313,45 @@ void Backbone::on_announced(const Stream& stream) {
   DirectoryEntry entry{settings_.id,          stream.epoch(),  true,
                        stream.announcement(), stream.resume(), sender_of(stream.holder(), salt_)};
   const std::string frames = settings_.prefix + ".frames." + settings_.id + "." + token_from_stream(stream.name());
-  own_[stream.name()] = {std::move(entry), stream.layout(), frames, nullptr, {}};
+  own_[stream.name()] = {std::move(entry), stream.layout(), frames, nullptr, {}, {stream.epoch()}};
 }
 
-/// The other brokers have no memory: they get keys that need none.
-void Backbone::on_key(const Stream& stream, const KeyRecordPtr&) {
+/// Brokers that have the memory get the sender's keys, all others keys that need none.
+void Backbone::on_key(const Stream& stream, const KeyRecordPtr& sent) {
   const auto found = own_.find(stream.name());
   if (found == own_.end()) return;
+  Own& own = found->second;
   const KeyRecordPtr& record = stream.plain();
-  found->second.newest = record;
-  found->second.join.clear();
+  own.newest = record;
+  own.join.clear();
   if (!connected_) return;
-  link_.publish(found->second.frames, record->frame(head_of(stream.epoch(), record->sequence)), stream.holder().key);
+  if (own.memory.root != 0) publish_recalled(own, stream, *sent);
+  link_.publish(own.frames, record->frame(head_of(stream.epoch(), record->sequence)), stream.holder().key);
   ++totals_.frames_published;
+}
+
+/// Before the other chain's key: a broker that changes over to a join has not had its pose yet.
+void Backbone::publish_recalled(Own& own, const Stream& stream, const KeyRecord& record) {
+  Bytes head = head_of_recalled(*stream.memory(), record.generation, stream.epoch(), record.sequence);
+  if (!std::exchange(own.wants_join, false)) {
+    link_.publish(subject_of_memory(own.frames), record.frame(std::move(head)), stream.holder().key);
+  } else if (auto join = record.join_frame(own.layout, std::move(head))) {
+    link_.publish(subject_of_memory(own.frames), *std::move(join), stream.holder().key);
+    ++totals_.joins_encoded;
+  }
+}
+
+void Backbone::on_memory(const Stream& stream) {
+  const auto found = own_.find(stream.name());
+  if (found == own_.end()) return;
+  const Generation* memory = stream.memory().get();
+  MemoryNotice& notice = found->second.memory = {stream.epoch(), 0, stream.share()->generations};
+  if (memory != nullptr) {
+    notice.root = memory->root;
+    notice.number = memory->number;
+    for (const auto& segment : memory->segments) notice.segments.push_back(*Sha256::from_hex(segment.id));
+  }
+  if (connected_) link_.publish(subject_of_memory(found->second.frames), bytes_from(notice), stream.holder().key);
 }
 
 void Backbone::on_stalled(const Stream& stream) {
@@ -341,11 +368,17 @@ void Backbone::on_forgotten(const Stream& stream) {
 void Backbone::answer_join(ByteView request, const Link::Reply& reply) {
   ByteReader in(request);
   const std::uint32_t epoch = in.u32();
-  const ByteView name = in.bytes(in.remaining());
-  const auto found = own_.find(std::string(name.begin(), name.end()));
-  if (in.failed() || found == own_.end() || found->second.entry.epoch != epoch || !found->second.newest) {
-    return reply({});
+  const ByteView rest = in.bytes(in.remaining());
+  std::string name(rest.begin(), rest.end());
+  const bool of_memory = name.ends_with('=');
+  if (of_memory) name.pop_back();
+  const auto found = own_.find(name);
+  if (in.failed() || found == own_.end() || found->second.entry.epoch != epoch) return reply({});
+  if (of_memory) {
+    found->second.wants_join = found->second.memory.root != 0;
+    return reply(bytes_from(found->second.memory));
   }
+  if (!found->second.newest) return reply({});
   if (found->second.join.empty()) {
     const KeyRecord& newest = *found->second.newest;
     if (!store(found->second.join, newest.join_frame(found->second.layout, head_of(epoch, newest.sequence)))) {

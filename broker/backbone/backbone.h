@@ -14,6 +14,7 @@
 #include "broker/backbone/following.h"
 #include "broker/backbone/link.h"
 #include "broker/backbone/peer_work.h"
+#include "broker/backbone/remote_memory.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
 #include "broker/relay/stream.h"
@@ -54,6 +55,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
+  void on_memory(const Stream& stream) override;
   void on_demand_changed(const Stream& stream) override { following_.note(stream.name()); }
   void on_forgotten(const Stream& stream) override;
 
@@ -75,7 +77,9 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
     CoefficientLayout layout;
     std::string frames;  ///< Their subject.
     KeyRecordPtr newest;
-    Bytes join;  ///< At `newest`, once a broker has asked for it.
+    Bytes join;               ///< At `newest`, once a broker has asked for it.
+    MemoryNotice memory{};    ///< As other brokers were told.
+    bool wants_join = false;  ///< One of them has it, and wants the sender's chain to begin.
   };
 
   void on_connected() override;
@@ -97,6 +101,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
              std::function<void(const Result<std::uint64_t>&)> written = {});
   bool may_write(const std::string& name) const;
   void answer_join(ByteView request, const Link::Reply& reply);
+  void publish_recalled(Own& own, const Stream& stream, const KeyRecord& record);
   void send_heartbeat(char text);
   void tell_rows();
 

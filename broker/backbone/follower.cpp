@@ -61,4 +61,9 @@ void Follower::restart() {
   asked_us_.reset();
 }
 
+void Follower::change_chain() {
+  restart();
+  kept_.clear();
+}
+
 }  // namespace eigencast::broker

@@ -37,6 +37,8 @@ class Follower {
   bool is_joined() const { return joined_; }  ///< No join is missing.
   /// Starts again from a join, after a message that could not be used.
   void restart();
+  /// The same in another chain: what is kept is of no use.
+  void change_chain();
 
   std::uint64_t dropped() const { return dropped_; }  ///< Unusable messages.
 

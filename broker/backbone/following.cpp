@@ -1,12 +1,24 @@
 // SPDX-License-Identifier: MIT
 #include "broker/backbone/following.h"
 
+#include <algorithm>
 #include <utility>
 #include <vector>
 
 #include "broker/backbone/follower.h"
+#include "broker/storage/segments.h"
 
 namespace eigencast::broker {
+namespace {
+
+constexpr TimeUs kMemoryRetryUs = 10'000'000;
+
+bool is_join(ByteView message) {
+  const auto frame = parse_frame(message.subspan(std::min(message.size(), Follower::kHeadBytes)));
+  return frame && frame->envelope.kind == FrameKind::kJoin;
+}
+
+}  // namespace
 
 /// Feeds one epoch of a remote stream in the role of its sender; state of following it.
 struct Following::Remote final : PublisherLink {
@@ -27,8 +39,10 @@ struct Following::Remote final : PublisherLink {
   /// Whether only messages and what is noted can change it.
   bool is_settled() const {
     return phase == Phase::kFetching || phase == Phase::kUnusable ||
-           (phase == Phase::kFollowing && follower.is_joined());
+           (phase == Phase::kFollowing && follower.is_joined() && !wants_memory());
   }
+  /// Whether there is one that is not used yet, and may be.
+  bool wants_memory() const { return wanted.root != 0 && about_memory && !(recalls && held == wanted); }
 
   Stream* stream;  ///< Null once it no longer feeds the stream.
   const DirectoryEntry entry;
@@ -36,8 +50,15 @@ struct Following::Remote final : PublisherLink {
   Phase phase = Phase::kWaiting;
   TimeUs next_us = 0;
   bool watched = true;
-  TimeUs watched_us = 0;  ///< When the stream last had watchers.
-  std::shared_ptr<void> subscription;
+  TimeUs watched_us = 0;               ///< When the stream last had watchers.
+  std::shared_ptr<void> subscription;  ///< To keys that need no memory; null: `recalls`.
+
+  std::shared_ptr<void> about_memory;  ///< A subscription; null: there is to be none here.
+  MemoryNotice wanted, held;           ///< The owner's, and what of it is the stream's here.
+  bool loading = false;                ///< `loading_what`, into `held`.
+  MemoryNotice loading_what;
+  bool recalls = false;       ///< Its keys are those of the sender.
+  TimeUs memory_next_us = 0;  ///< When to fetch, or to ask for the sender's chain.
 };
 
 Following::~Following() {
@@ -45,7 +66,7 @@ Following::~Following() {
 }
 
 void Following::stop() {
-  for (const auto& [name, remote] : remotes_) remote->subscription.reset();
+  for (const auto& [name, remote] : remotes_) remote->subscription = remote->about_memory = nullptr;
   for (const auto& [name, remote] : std::exchange(remotes_, {})) {
     if (remote->stream != nullptr) remote->stream->release(*remote);
   }
@@ -123,7 +144,7 @@ void Following::unfollow(const std::string& name) {
   if (found == remotes_.end()) return;
   const RemotePtr remote = found->second;
   remotes_.erase(found);
-  remote->subscription.reset();
+  remote->subscription = remote->about_memory = nullptr;
   Stream* stream = std::exchange(remote->stream, nullptr);
   if (stream == nullptr) return;
   stream->release(*remote);
@@ -135,7 +156,14 @@ void Following::advance(const RemotePtr& remote) {
   if (remote->stream == nullptr) return;
   if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
   if (remote->phase == Remote::Phase::kFetched) begin(remote);
-  if (remote->phase == Remote::Phase::kFollowing && remote->follower.wants_join(now)) ask_join(remote);
+  if (remote->phase != Remote::Phase::kFollowing) return;
+  if (remote->follower.wants_join(now)) ask_join(remote);
+  if (!remote->wants_memory() || remote->loading || now < remote->memory_next_us) return;
+  remote->memory_next_us = now + settings_.retry_us;
+  if (remote->held == remote->wanted) return ask_memory(remote);
+  remote->loading = true;
+  remote->loading_what = remote->wanted;
+  fetch_segments(remote, 0);
 }
 
 void Following::fetch_surface(const RemotePtr& remote) {
@@ -176,11 +204,31 @@ void Following::begin(const RemotePtr& remote) {
   environment_.inform("stream '" + stream.name() + "' of broker " + entry.owner + " is followed, epoch " +
                       std::to_string(entry.epoch));
   remote->phase = Remote::Phase::kFollowing;
-  const std::string frames = settings_.prefix + ".frames." + entry.owner + "." + token_from_stream(stream.name());
-  remote->subscription =
-      link_.subscribe(frames, [this, weak = std::weak_ptr(remote)](const std::string&, Bytes message) {
-        if (const auto still = weak.lock()) take(*still, std::move(message));
-      });
+  take_plain_frames(remote);
+  if (!environment_.remembers() || codec_from_name(entry.announce.format.codec).value() != CodecKind::kQuantised)
+    return;
+  remote->about_memory = link_.subscribe(subject_of_memory(frames_of(entry, stream.name())),
+                                         [this, weak = std::weak_ptr(remote)](const std::string&, Bytes message) {
+                                           if (const auto still = weak.lock()) take_memory(still, message);
+                                         });
+  ask_memory(remote);
+}
+
+std::string Following::frames_of(const DirectoryEntry& entry, const std::string& stream) const {
+  return settings_.prefix + ".frames." + entry.owner + "." + token_from_stream(stream);
+}
+
+/// From the next join on.
+void Following::take_plain_frames(const RemotePtr& remote) {
+  remote->recalls = false;
+  remote->follower.change_chain();
+  remote->memory_next_us = environment_.now_us() + settings_.retry_us;
+  note(remote->stream->name());
+  remote->subscription = link_.subscribe(frames_of(remote->entry, remote->stream->name()),
+                                         [this, weak = std::weak_ptr(remote)](const std::string&, Bytes message) {
+                                           if (const auto still = weak.lock()) take(still, std::move(message), false);
+                                         });
+  if (remote->follower.wants_join(environment_.now_us())) ask_join(remote);
 }
 
 void Following::ask_join(const RemotePtr& remote) {
@@ -192,12 +240,16 @@ void Following::ask_join(const RemotePtr& remote) {
   link_.ask(settings_.prefix + ".joins." + remote->entry.owner, std::move(request), Follower::kJoinTimeoutUs,
             [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
               const auto still = weak.lock();
-              if (still && answer && !answer->empty()) take(*still, std::move(*answer));
+              if (still && answer && !answer->empty()) take(still, std::move(*answer), false);
             });
 }
 
-void Following::take(Remote& remote, Bytes message) {
+/// `recalled`: of the sender's chain, else of that without a memory.
+void Following::take(const RemotePtr& kept, Bytes message, bool recalled) {
+  Remote& remote = *kept;
   if (remote.stream == nullptr) return;
+  // The sender's chain goes on from a join; what comes late of the other one is of no use then.
+  if (recalled != remote.recalls && !(recalled && remote.follower.is_joined() && is_join(message))) return;
   const double work_us = 1 + remote.stream->decoding_us(message.size(), true);
   if (!work_.take_frame(remote.entry.owner, remote.entry.sender, work_us, environment_.now_us())) {
     ++totals_.frames_dropped;
@@ -213,12 +265,114 @@ void Following::take(Remote& remote, Bytes message) {
       break;
     }
     ++totals_.frames_followed;
+    if (std::exchange(remote.recalls, recalled) != recalled) remote.subscription.reset();
   }
   totals_.frames_dropped += remote.follower.dropped() - dropped;
+  if (remote.recalls && !remote.follower.is_joined()) take_plain_frames(kept);
   if (!remote.follower.is_joined()) note(remote.stream->name());
   hub_->mark_dirty(*remote.stream);
   hub_->deliver();
   environment_.frames_came();
+}
+
+/// For what the owner's stream remembers, and for a join of the sender's chain with the next key.
+void Following::ask_memory(const RemotePtr& remote) {
+  Bytes request;
+  ByteWriter out(request);
+  out.u32(remote->entry.epoch);
+  out.text(remote->stream->name() + "=");
+  link_.ask(settings_.prefix + ".joins." + remote->entry.owner, std::move(request), Follower::kJoinTimeoutUs,
+            [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
+              const auto still = weak.lock();
+              if (still && answer && !answer->empty()) take_memory(still, *answer);
+            });
+}
+
+void Following::take_memory(const RemotePtr& remote, ByteView bytes) {
+  if (remote->stream == nullptr || !remote->about_memory) return;
+  auto message = memory_message_from(bytes);
+  if (!message) return environment_.warn("a message of broker " + remote->entry.owner + " about a memory is malformed");
+  if (message->notice) return note_memory(remote, *std::move(message->notice));
+  const bool is_held = remote->held.root == message->root && message->number <= remote->held.number;
+  if (is_held) return take(remote, std::move(message->frame), true);
+  if (remote->recalls) take_plain_frames(remote);
+  const bool is_coming = remote->wanted.root == message->root && message->number <= remote->wanted.number;
+  if (is_coming || environment_.now_us() < remote->memory_next_us) return;
+  remote->memory_next_us = environment_.now_us() + settings_.retry_us;
+  ask_memory(remote);  // A notice was lost.
+}
+
+void Following::note_memory(const RemotePtr& remote, MemoryNotice notice) {
+  if (notice.epoch != remote->entry.epoch || notice.number < remote->wanted.number || notice == remote->wanted) return;
+  const bool goes_on = remote->held.goes_on_as(notice);
+  remote->wanted = std::move(notice);
+  remote->memory_next_us = 0;
+  note(remote->stream->name());
+  if (goes_on || remote->held.root == 0) return;
+  if (remote->recalls) take_plain_frames(remote);
+  remote->held = {};
+  remote->stream->set_memory(nullptr);
+  hub_->mark_dirty(*remote->stream);
+}
+
+/// One after the other, from the `first` on.
+void Following::fetch_segments(const RemotePtr& remote, std::size_t first) {
+  if (first == remote->loading_what.segments.size()) return load_memory(remote);
+  const auto took = [this, weak = std::weak_ptr(remote), first](const Result<void>& fetched) {
+    const auto still = weak.lock();
+    if (!still || still->stream == nullptr) return;
+    if (!fetched) return retry_memory(*still, fetched.error());
+    fetch_segments(still, first + 1);
+  };
+  assets_.fetch(remote->entry.owner, remote->loading_what.segments[first], payer_of(remote->entry),
+                environment_.now_us(), took);
+}
+
+void Following::load_memory(const RemotePtr& remote) {
+  struct Loading {
+    std::vector<Generation::Segment> segments;
+    Result<void> done;
+  };
+  const auto loading = std::make_shared<Loading>();
+  if (const auto& memory = remote->stream->memory()) loading->segments = memory->segments;
+  const auto& ids = remote->loading_what.segments;
+  for (std::size_t i = loading->segments.size(); i < ids.size(); ++i)
+    loading->segments.push_back({ids[i].hex(), nullptr, 0});
+  const AssetDigest asset = Sha256::from_hex(remote->entry.announce.asset)->digest;
+  assets_.run_on_disk([loading, &store = assets_.store(), layout = remote->stream->layout(),
+                       asset] { loading->done = load_segments(store, layout, asset, loading->segments); },
+                      [this, loading, weak = std::weak_ptr(remote)] {
+                        const auto still = weak.lock();
+                        if (still && still->stream != nullptr)
+                          remember(still, std::move(loading->segments), loading->done);
+                      });
+}
+
+void Following::remember(const RemotePtr& remote, std::vector<Generation::Segment> segments,
+                         const Result<void>& loaded) {
+  if (!loaded) return retry_memory(*remote, loaded.error());
+  remote->loading = false;
+  note(remote->stream->name());
+  if (!remote->loading_what.goes_on_as(remote->wanted)) return;  // Overtaken.
+  Stream& stream = *remote->stream;
+  double poses = 0;
+  for (const auto& segment : segments) poses += segment.since == 0 ? segment.poses->poses : 0;
+  const double work_us = poses * stream.decoding_us(stream.layout().size() / 4, true);
+  Result<void> held = fail(ErrorCode::kTooLarge, "the streams of its sender take too much computing");
+  if (work_.take_frame(remote->entry.owner, remote->entry.sender, work_us, environment_.now_us()))
+    held = hub_->remember(stream, std::move(segments));
+  if (!held) return retry_memory(*remote, held.error());
+  remote->held = remote->loading_what;
+  remote->memory_next_us = 0;
+  hub_->mark_dirty(stream);
+}
+
+/// The stream goes on without.
+void Following::retry_memory(Remote& remote, const Error& why) {
+  remote.loading = false;
+  remote.memory_next_us = environment_.now_us() + kMemoryRetryUs;
+  note(remote.stream->name());
+  environment_.warn("the memory of stream '" + remote.stream->name() + "' is not used yet: " + why.message);
 }
 
 }  // namespace eigencast::broker

@@ -15,6 +15,7 @@
 #include "broker/backbone/directory.h"
 #include "broker/backbone/link.h"
 #include "broker/backbone/peer_work.h"
+#include "broker/backbone/remote_memory.h"
 #include "broker/relay/hub.h"
 #include "common/core/log.h"
 
@@ -42,6 +43,7 @@ struct BackboneEnvironment {
   std::function<Result<std::uint32_t>(std::uint32_t above)> next_epoch;  ///< As EpochSource::next().
   std::function<void(std::uint32_t seen)> note_epoch;                    ///< As EpochSource::note().
   std::function<bool()> replaces;     ///< Whether a second sender replaces the first instead of being refused.
+  std::function<bool()> remembers;    ///< Whether streams may have a memory here.
   std::function<void()> frames_came;  ///< Called when streams have new frames.
   LogSink log;
 
@@ -55,7 +57,8 @@ struct BackboneEnvironment {
 /// The streams of other brokers that local viewers watch; a part of Backbone.
 ///
 /// Acts as the sender of each: copies its surface, subscribes to its frames, and requests a join from its owner at the
-/// start and after each gap. Belongs to the event loop.
+/// start and after each gap. Takes keys that need no memory until it holds the stream's, then those of the sender, and
+/// again the former after whatever goes wrong. Belongs to the event loop.
 class Following {
  public:
   /// All of them outlive it.
@@ -102,7 +105,16 @@ class Following {
   void fetch_surface(const RemotePtr& remote);
   void begin(const RemotePtr& remote);
   void ask_join(const RemotePtr& remote);
-  void take(Remote& remote, Bytes message);
+  void take(const RemotePtr& remote, Bytes message, bool recalled);
+  std::string frames_of(const DirectoryEntry& entry, const std::string& stream) const;
+  void take_plain_frames(const RemotePtr& remote);
+  void ask_memory(const RemotePtr& remote);
+  void take_memory(const RemotePtr& remote, ByteView message);
+  void note_memory(const RemotePtr& remote, MemoryNotice notice);
+  void fetch_segments(const RemotePtr& remote, std::size_t first);
+  void load_memory(const RemotePtr& remote);
+  void remember(const RemotePtr& remote, std::vector<Generation::Segment> segments, const Result<void>& loaded);
+  void retry_memory(Remote& remote, const Error& why);
 
   const BackboneSettings& settings_;
   Link& link_;

@@ -61,6 +61,7 @@ Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::
                                next_epoch,
                                note_epoch,
                                [self] { return self->host_->replaces(); },
+                               [self] { return self->host_->remembers(); },
                                [self] { self->host_->frames_came(); },
                                std::move(log)};
   Backbone::Settings settings{.id = id, .prefix = config.backbone.prefix};

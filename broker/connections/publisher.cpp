@@ -8,6 +8,7 @@
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/segments.h"
 #include "common/wire/limits.h"
 
 namespace eigencast::broker {
@@ -16,29 +17,6 @@ namespace {
 /// A sender asks whether its surface is here before it announces it.
 constexpr TimeUs kContestUs = 3'000'000;
 constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
-
-/// Reads what is not here yet. Blocks on the disk. Errors: kNotFound, kTooLarge, kIo, those of decode_segment.
-Result<void> load(const AssetStore& assets, const CoefficientLayout& layout, const AssetDigest& asset,
-                  std::vector<Generation::Segment>& segments) {
-  std::uint64_t poses = 0;
-  for (Generation::Segment& segment : segments) {
-    if (!segment.poses) {
-      const Sha256 id = *Sha256::from_hex(segment.id);  // The parser has checked it.
-      const auto object = assets.read(id);
-      if (!object) return object.error();
-      if (object->size > PoseMemory::kMaxBytes)
-        return fail(ErrorCode::kTooLarge, "segment " + segment.id + " is over 8 MiB");
-      auto bytes = assets.bytes_of(id);
-      if (!bytes) return bytes.error();
-      auto decoded = decode_segment(layout, asset, *bytes);
-      if (!decoded) return decoded.error();
-      segment.poses = *std::move(decoded);
-      segment.coded = std::make_shared<const Bytes>(*std::move(bytes));
-    }
-    if (auto fits = PoseMemory::check_size(layout, poses += segment.poses->poses); !fits) return fits;
-  }
-  return {};
-}
 
 }  // namespace
 
@@ -200,7 +178,7 @@ void Publisher::on_remember(const control::Remember& memory) {
   on_disk(
       [loading, &assets = context().assets, layout, asset] {
         try {
-          loading->done = load(assets, layout, asset, loading->segments);
+          loading->done = load_segments(assets, layout, asset, loading->segments);
         } catch (const std::exception& exception) {
           loading->done = fail(ErrorCode::kInternal, exception.what());
         }

@@ -69,10 +69,10 @@ Bytes FakeSender::next(TimeUs capture_us) {
   return message;
 }
 
-Generation::Segment segment_of(int first, int count) {
+Generation::Segment segment_of(int first, int count, const AssetDigest& asset) {
   std::vector<Key> keys;
   for (int i = first; i < first + count; ++i) keys.push_back(key_number(i));
-  CodedSegment coded = encode_segment(small_layout(), {}, keys, 1).value();
+  CodedSegment coded = encode_segment(small_layout(), asset, keys, 1).value();
   const std::string id = sha256(coded.bytes).hex();
   return {id, std::move(coded.segment), 0, std::make_shared<const Bytes>(std::move(coded.bytes))};
 }

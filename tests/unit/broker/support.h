@@ -36,8 +36,8 @@ Bytes manifest_of(const std::vector<Sha256>& chunks);
 /// Key number `i` of a curved motion.
 Key key_number(int i);
 
-/// Poses that the FakeSender sends, of the asset 00...
-Generation::Segment segment_of(int first, int count);
+/// Poses that the FakeSender sends.
+Generation::Segment segment_of(int first, int count, const AssetDigest& asset = {});
 
 /// The messages of a sender, without a network.
 class FakeSender : public PublisherLink {

@@ -38,6 +38,7 @@ Backbone::Environment Site::environment() {
     if (seen < 1'000'000) last_epoch_ = std::max(last_epoch_, seen);  // As EpochSource.
   };
   around.replaces = [this] { return replaces_; };
+  around.remembers = [] { return true; };
   around.frames_came = [] {};
   return around;
 }
