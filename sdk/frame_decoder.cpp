@@ -29,6 +29,11 @@ void FrameDecoder::set_stream(const control::StreamInfo& info) {
   scheme_ = info.profile.scheme;
 }
 
+Result<void> FrameDecoder::remember(std::shared_ptr<const MemorySegment> segment) {
+  if (!memory_) memory_.emplace(layout_);
+  return memory_->add(std::move(segment));
+}
+
 std::vector<double> FrameDecoder::coefficients(const Key& key) const {
   std::vector<double> C = coefficients_from_key(layout_, key);
   for (std::size_t row = 0; row < layout_.rows; ++row)

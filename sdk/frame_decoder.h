@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -34,7 +35,8 @@ class FrameDecoder {
     memory_ = std::move(memory);
     if (chain_ && !memory_) chain_->phase.reset();
   }
-  const std::optional<PoseMemory>& memory() const { return memory_; }
+  /// From one segment more, too. Errors: kTooLarge, which changes nothing. REQUIRES: of layout().
+  Result<void> remember(std::shared_ptr<const MemorySegment> segment);
 
   /// The pose to show, valid until the next call; null when there is none (another stream or epoch, no state yet, a key
   /// sent ahead that shows none). Errors: kCorrupt and those of the codec; after a key the chain waits for a join.

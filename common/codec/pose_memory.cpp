@@ -14,8 +14,8 @@ namespace {
 
 constexpr std::uint8_t kVersion = 1;
 
-Error corrupt_segment(std::string what) {
-  return fail(ErrorCode::kCorrupt, "memory segment: " + std::move(what));
+Error corrupt_segment(const char* what) {
+  return fail(ErrorCode::kCorrupt, std::string("memory segment: ") + what);
 }
 Error segment_misuse(std::string what) {
   return fail(ErrorCode::kInvalidArgument, "memory segment: " + std::move(what));
@@ -124,13 +124,18 @@ Result<std::shared_ptr<const MemorySegment>> decode_segment(const CoefficientLay
 }
 
 Result<PoseMemory> PoseMemory::with(std::shared_ptr<const MemorySegment> segment) const {
+  PoseMemory grown = *this;
+  if (auto added = grown.add(std::move(segment)); !added) return added.error();
+  return grown;
+}
+
+Result<void> PoseMemory::add(std::shared_ptr<const MemorySegment> segment) {
   assert(segment && segment->poses > 0 && segment->values.size() == segment->poses * layout_.size());
   const std::uint32_t start = pose_count();
-  if (const auto checked = check_size(layout_, std::uint64_t{start} + segment->poses); !checked) return checked.error();
-  PoseMemory grown = *this;
-  grown.segments_.push_back(std::move(segment));
-  grown.starts_.push_back(start);
-  return grown;
+  if (auto checked = check_size(layout_, std::uint64_t{start} + segment->poses); !checked) return checked;
+  segments_.push_back(std::move(segment));
+  starts_.push_back(start);
+  return {};
 }
 
 std::size_t PoseMemory::segment_of(std::uint32_t pose) const {

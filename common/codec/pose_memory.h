@@ -65,6 +65,8 @@ class PoseMemory {
   /// This memory and the poses of one more segment behind it. Errors: kTooLarge.
   /// REQUIRES: the segment is of this memory's layout.
   Result<PoseMemory> with(std::shared_ptr<const MemorySegment> segment) const;
+  /// The same in place. After an error nothing has changed.
+  Result<void> add(std::shared_ptr<const MemorySegment> segment);
 
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t pose_count() const { return starts_.empty() ? 0 : starts_.back() + segments_.back()->poses; }

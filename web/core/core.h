@@ -84,6 +84,10 @@ int32_t CORE(frames_begin)(core_frames* frames, uint32_t stream_id, uint32_t tag
                            const core_format* format);
 /* Forgets the chain, as after a reconnect: only a join helps. */
 void CORE(frames_restart)(core_frames* frames);
+/* Keys may be predicted from this segment of a memory of poses, too, behind those given before; of size 0: from none.
+   Another stream, epoch or format has none. asset: 32 bytes. Errors, which change nothing: corrupt, unsupported,
+   too-large, invalid-argument (a float codec). */
+int32_t CORE(frames_remember)(core_frames* frames, const uint8_t* asset, const uint8_t* segment, uint32_t size);
 /* 1: frames_pose has coefficients; 0: nothing to show (a key ahead that shows none, another tag, no state yet).
    Errors: corrupt, too-large; the chain then waits for a join. */
 int32_t CORE(frames_decode)(core_frames* frames, const uint8_t* bytes, uint32_t size);

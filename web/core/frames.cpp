@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -51,6 +52,20 @@ int32_t frames_begin(core_frames* frames, uint32_t stream_id, uint32_t tag, uint
 void frames_restart(core_frames* frames) {
   frames->reader.restart();
   frames->decoder.restart();
+}
+
+int32_t frames_remember(core_frames* frames, const uint8_t* asset, const uint8_t* segment, uint32_t size) {
+  FrameDecoder& decoder = frames->decoder;
+  if (size == 0) {
+    decoder.set_memory(std::nullopt);
+    return 0;
+  }
+  AssetDigest of{};
+  std::copy_n(asset, of.size(), of.begin());
+  auto decoded = decode_segment(decoder.layout(), of, ByteView(segment, size));
+  if (!decoded) return web::failed(decoded.error());
+  const auto added = decoder.remember(*std::move(decoded));
+  return added ? 0 : web::failed(added.error());
 }
 
 int32_t frames_decode(core_frames* frames, const uint8_t* bytes, uint32_t size) {

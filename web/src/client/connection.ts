@@ -2,7 +2,7 @@
 import type { FrameHead } from '../core/frames.js';
 import { EigencastError } from '../core/module.js';
 import { ClockOffset, type ClockEstimate } from './clock_offset.js';
-import { readControl, writeControl, type Message, type StreamInfo } from './control.js';
+import { readControl, writeControl, type Message, type Remember, type StreamInfo } from './control.js';
 import type { Environment } from './environment.js';
 import { messageFrom, queryFrom, type Profile } from './profile.js';
 import { failureOfClose, failureOfHandshake } from './refusal.js';
@@ -15,6 +15,7 @@ export interface Listener {
   /** waitMs: until the next try; 0: none. */
   onDown(why: Failure, waitMs: number): void;
   onInfo(info: StreamInfo): void;
+  onMemory(memory: Remember): void;
   /** askAgainInMs: the broker does not give this stream, and is asked again after so long. */
   onError(message: string, askAgainInMs: number | undefined): void;
   onNotice(message: string, framesDropped: number): void;
@@ -33,6 +34,8 @@ interface Stream {
   /** Once the broker has said it on this connection. */
   id?: number | undefined;
   ack?: FrameHead | undefined;
+  /** Of the memory that is held. */
+  generation?: number;
   askAgainAtUs?: number | undefined;
   isPaused?: boolean;
 }
@@ -99,6 +102,11 @@ export class BrokerConnection {
     if (!stream) return;
     stream.request = { ...stream.request, profile };
     if (this.#openedUs !== undefined) this.#subscribe(stream);
+  }
+  /** Says in acknowledgements that a memory is held; 0: none. */
+  hold(listener: Listener, generation: number): void {
+    const stream = this.#streams.find((one) => one.listener === listener);
+    if (stream) stream.generation = generation;
   }
   /** No frames come while it is paused; the connection stays. */
   pause(listener: Listener, isPaused: boolean): void {
@@ -229,6 +237,8 @@ export class BrokerConnection {
         stream.askAgainAtUs = undefined;
         return stream.listener.onInfo(message);
       }
+      case 'remember':
+        return this.#find(message.stream)?.listener.onMemory(message);
       case 'ping':
         return this.#send('pong', { id: message.id, time_us: message.time_us, peer_time_us: now });
       case 'pong': {
@@ -286,7 +296,7 @@ export class BrokerConnection {
     for (const stream of this.#streams) {
       if (!stream.ack) continue;
       const { sequence, at, of } = stream.ack;
-      items.push({ stream_id: stream.id ?? stream.ack.streamId, sequence, step: (at << 4) | of });
+      items.push({ stream_id: stream.id ?? stream.ack.streamId, sequence, step: (at << 4) | of, ...(stream.generation ? { generation: stream.generation } : {}) });
       stream.ack = undefined;
     }
     if (items.length > 0) this.#lastAckUs = now;

@@ -26,9 +26,17 @@ export interface Stage {
   stage: string;
   time_us: bigint;
 }
+/** Which poses keys may be predicted from: the first `kept` segments of before, then these, by their hashes. */
+export interface Remember {
+  stream: string;
+  generation: number;
+  kept: number;
+  segments: string[];
+}
 export type Message =
   | { op: 'welcome'; version: string; session_id: string; time_us: bigint }
   | ({ op: 'stream' } & StreamInfo)
+  | ({ op: 'remember' } & Remember)
   | { op: 'ping'; id: bigint; time_us: bigint }
   | { op: 'pong'; id: bigint; time_us: bigint; peer_time_us: bigint }
   | { op: 'trace'; stream_id: number; epoch: number; sequence: bigint; step: number; stages: Stage[] }
@@ -183,6 +191,10 @@ function streamOf(fields: Fields): Message {
 export const READERS = {
   welcome: (f: Fields) => ({ op: 'welcome' as const, version: f.text('version'), session_id: f.text('session_id'), time_us: f.time('time_us') }),
   stream: streamOf,
+  remember: (f: Fields) => ({
+    op: 'remember' as const, stream: f.text('stream'), generation: f.id('generation'), kept: f.integer('kept', 0, 256, 0),
+    segments: f.array('segments', 0, 256).map(String),
+  }),
   ping: (f: Fields) => ({ op: 'ping' as const, id: f.big('id'), time_us: f.time('time_us') }),
   pong: (f: Fields) => ({ op: 'pong' as const, id: f.big('id'), time_us: f.time('time_us'), peer_time_us: f.time('peer_time_us') }),
   trace: (f: Fields) => ({

@@ -4,8 +4,10 @@ import { Frames, type Counts, type FrameHead, type KINDS, type Next } from '../c
 import type { Core } from '../core/module.js';
 import type { ClockEstimate } from './clock_offset.js';
 import type { BrokerConnection, Listener, Request } from './connection.js';
-import type { StreamInfo } from './control.js';
+import type { Remember, StreamInfo } from './control.js';
 import type { Environment } from './environment.js';
+import type { MemoryFetcher } from './memory.js';
+import { ObjectFetcher } from './objects.js';
 import type { Profile } from './profile.js';
 import { tryAgainIn, type Failure } from './retry.js';
 import { SurfaceSource, type Limits } from './surface_source.js';
@@ -75,6 +77,7 @@ const NOTICE_US = 3_000_000, FIGURES_US = 500_000;
 /** Watches one stream: sdk/subscriber.h. */
 export class Subscription implements Listener {
   readonly #environment: Environment;
+  readonly #newMemory: (asset: string, over: AbortSignal) => Promise<MemoryFetcher>;
   readonly #connection: BrokerConnection;
   readonly #where: string;
   readonly #stream: string;
@@ -82,6 +85,8 @@ export class Subscription implements Listener {
   readonly #frames: Frames;
   readonly surfaces: SurfaceSource;
   #info: StreamInfo | undefined;
+  #memory: Promise<MemoryFetcher> | undefined;
+  #memoryOver = new AbortController();
   #held: Pose | undefined;
   #isOpen = false;
   #everOpen = false;
@@ -108,6 +113,8 @@ export class Subscription implements Listener {
     this.#stream = request.stream;
     this.#observer = observer;
     this.#frames = new Frames(core);
+    // Loaded where a stream has a memory.
+    this.#newMemory = async (asset, over) => new (await import('./memory.js')).MemoryFetcher(core, () => new ObjectFetcher(environment, broker), this.#frames, asset, over, (held) => connection.hold(this, held));
     this.#trouble = `connecting to ${broker.base.replace(/^http/, 'ws')}`;
     this.surfaces = new SurfaceSource(core, environment, broker, request, () => this.#onSurface());
     try {
@@ -127,6 +134,7 @@ export class Subscription implements Listener {
   end(): void {
     this.#connection.leave(this);
     this.surfaces.end();
+    this.#forgetMemory();
     this.#frames.free();
   }
 
@@ -148,6 +156,7 @@ export class Subscription implements Listener {
     this.#retryAtUs = undefined;
     this.#clock = undefined;
     this.#frames.restart();
+    this.#forgetMemory();
     this.#tell();
   }
   onDown(why: Failure, waitMs: number): void {
@@ -159,6 +168,7 @@ export class Subscription implements Listener {
   }
   onInfo(info: StreamInfo): void {
     this.#frames.begin(info.stream_id, info.tag, info.epoch, info.format, info.profile.scheme);
+    if (this.#info?.epoch !== info.epoch) this.#forgetMemory();
     this.#info = info;
     this.#isDeclined = false;
     this.#retryAtUs = undefined;
@@ -166,6 +176,12 @@ export class Subscription implements Listener {
     if (this.surfaces.announce(info)) this.#held = undefined;
     this.#observer.onInfo(info);
     this.#tell();
+  }
+  onMemory(memory: Remember): void {
+    const asset = this.#info?.asset;
+    if (asset === undefined) return;
+    this.#memory ??= this.#newMemory(asset, this.#memoryOver.signal);
+    this.#memory.then((fetcher) => fetcher.remember(memory)).catch((error: Error) => console.warn(`eigencast: the stream's memory is not used: ${error.message}`));
   }
   onError(message: string, askAgainInMs: number | undefined): void {
     if (askAgainInMs !== undefined) {
@@ -204,6 +220,13 @@ export class Subscription implements Listener {
     return head;
   }
 
+  #forgetMemory(): void {
+    this.#memoryOver.abort();
+    this.#memoryOver = new AbortController();
+    this.#memory = undefined;
+    this.#frames.forgetMemory();
+    this.#connection.hold(this, 0);
+  }
   #at(waitMs: number): number | undefined {
     return waitMs > 0 ? this.#environment.nowUs() + 1000 * waitMs : undefined;
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-import type { Core } from './module.js';
+import { bytesFromHex, type Core } from './module.js';
 
 /** `format` of a `stream` message (protocol.md, section 3). */
 export interface Format {
@@ -91,6 +91,17 @@ export class Frames {
   }
   restart(): void {
     this.#core.exports.frames_restart(this.#at);
+  }
+
+  /** Keys may be predicted from this segment of the memory of a surface's poses, too, behind those before. Throws EigencastError. */
+  remember(asset: string, segment: Uint8Array): void {
+    const core = this.#core, at = core.room(32 + segment.length);
+    core.bytes(at, 32).set(bytesFromHex(asset));
+    core.bytes(at + 32, segment.length).set(segment);
+    core.checked(core.exports.frames_remember(this.#at, at, at + 32, segment.length));
+  }
+  forgetMemory(): void {
+    this.#core.exports.frames_remember(this.#at, 0, 0, 0);
   }
 
   /** `error`: why the frame could not be decoded. */

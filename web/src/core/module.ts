@@ -13,6 +13,7 @@ export interface Exports {
   frames_free(frames: number): void;
   frames_begin(frames: number, streamId: number, tag: number, epoch: number, format: number): number;
   frames_restart(frames: number): void;
+  frames_remember(frames: number, asset: number, segment: number, size: number): number;
   frames_decode(frames: number, bytes: number, size: number): number;
   frames_pose(frames: number): number;
   frames_counts(frames: number): number;

@@ -111,16 +111,10 @@ export class StreamPage implements Desk {
   }
   help(): void {
     if (this.#help.open) return this.#help.close();
-    const line = (keys: string, does: string): Node[] => [part('dt', {}, keys), part('dd', {}, does)];
-    this.#help.replaceChildren(
-      part('button', { class: 'button', 'aria-label': 'Close', onclick: () => this.#help.close() }, icon('M6 6l12 12M18 6L6 18')), part('h2', {}, 'Keys'),
-      part('dl', {}, ...line('drag, arrows', 'rotate'), ...line('right or two-finger drag, Shift + arrows', 'pan'), ...line('wheel, pinch, Page Up, Page Down', 'zoom'),
-        ...line('double click', 'turn round the point that was hit'),
-        ...COMMANDS.flatMap((command) => {
-          const state = command.state?.(this) ?? (command.isOn && (command.isOn(this) ? 'on' : 'off'));
-          return line(command.keys.map((key) => (key === ' ' ? 'Space' : key)).join(' '), command.does + (state ? `: ${state}` : ''));
-        })));
-    this.#help.showModal();
+    void import('./help.js').then(({ helpOf }) => {
+      this.#help.replaceChildren(part('button', { class: 'button', 'aria-label': 'Close', onclick: () => this.#help.close() }, icon('M6 6l12 12M18 6L6 18')), ...helpOf(this, COMMANDS, part));
+      if (!this.#help.open) this.#help.showModal();
+    });
   }
 
   async #record(): Promise<void> {

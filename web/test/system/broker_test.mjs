@@ -46,6 +46,42 @@ test('StreamsAreListedAndWatched', async () => {
   broker.close();
 });
 
+test('KeysOfAMemoryAreThoseThatTheReferenceDecoderReads', async () => {
+  const remembering = startSender(shared, 'lab/again', '--memory', 'on', '--rate', '60'), came = [];
+  class Tapped extends ws.WebSocket {
+    constructor(...given) {
+      super(...given);
+      this.on('message', (data, isBinary) => came.push(isBinary ? new Uint8Array(data) : JSON.parse(String(data))));
+    }
+  }
+  const stream = await watch(urlOf(shared, '/lab/again?rate=raw'), { ...options, environment: { ...environment, WebSocket: Tapped } }), poses = new Map();
+  stream.on('pose', (pose) => poses.set(pose.sequence, pose.coefficients));
+  const isRecalled = (message) => message instanceof Uint8Array && (message[0] & 32) !== 0;
+  try {
+    await until(() => came.filter(isRecalled).length > 60, 'frames of a memory', 150_000);
+  } finally {
+    stream.close();
+    await remembering.stop();
+  }
+  let decoder, asset;
+  const expected = new Map();  // The join that a memory begins with replaces the last key's pose.
+  for (const message of came) {
+    if (message.op === 'stream' && message.format) [decoder, asset] = [new FrameDecoder({ ...message.format, scheme: 'linear' }), message.asset];
+    for (const id of message.op === 'remember' ? message.segments : [])
+      decoder.addSegment(Buffer.from(asset, 'hex'), new Uint8Array(await (await fetch(urlOf(shared, `/v1/assets/${id}`))).arrayBuffer()));
+    if (!(message instanceof Uint8Array)) continue;
+    const frame = decoder.decode(message), key = frame.pose ?? frame.newer;
+    expected.set(frame.sequence, { isRecalled: isRecalled(message), values: Array.from(key.values, (q) => q * stepSize(key.step)) });
+  }
+  let recalled = 0;
+  for (const [sequence, shown] of poses) {
+    assert.ok(sameBits(shown, expected.get(sequence).values), String(sequence));
+    recalled += expected.get(sequence).isRecalled ? 1 : 0;
+  }
+  assert.ok(recalled > 50, `${recalled} of ${came.filter(isRecalled).length}`);
+  assert.equal(stream.status.counts.rejected, 0);
+});
+
 test('PosesAreThoseThatTheReferenceDecoderReads', async () => {
   for (const query of ['rate=raw', 'rate=interpolated', 'rate=interpolated&k=4&scheme=catmull-rom', 'rate=estimated']) {
     const expected = new Map();

@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict';
 import { afterEach, beforeEach, test } from 'node:test';
 import { FakeBroker, environment, until } from './fake_broker.mjs';
-import { ASSETS, internals, joinOf, makeCore, wasm } from './support.mjs';
+import { ASSETS, goldenStreams, internals, joinOf, makeCore, wasm } from './support.mjs';
 
 const { brokerUrl, connect, Retry, readControl, streamUrl, tryAgainIn, writeControl } = internals;
 const core = await makeCore();
@@ -329,9 +329,56 @@ test('ControlMessagesOfTheGoldenFileAreRead', async () => {
   for (const line of readFileSync(`${GOLDEN}/control.jsonl`, 'utf8').trimEnd().split('\n')) {
     const message = readControl(line);
     const { op } = JSON.parse(line);
-    assert.equal(message?.op, ['welcome', 'stream', 'ping', 'pong', 'trace', 'notice', 'error', 'bye'].includes(op) ? op : undefined, line);
+    assert.equal(message?.op, ['welcome', 'stream', 'remember', 'ping', 'pong', 'trace', 'notice', 'error', 'bye'].includes(op) ? op : undefined, line);
     if (op === 'ping' || op === 'pong' || op === 'bye') assert.equal(writeControl(op, Object.fromEntries(Object.entries(message).filter(([name]) => name !== 'op'))), line);
   }
+});
+
+test('TheMemoryOfAStreamIsFetchedAcknowledgedAndForgotten', async () => {
+  const { memory, format, frames, expected } = goldenStreams().find((one) => one.memory);
+  const ids = memory.segments.map((segment) => core.sha256(segment)), fetched = () => fake.requests.filter(({ id }) => ids.includes(id)).map(({ id }) => id);
+  memory.segments.forEach((segment, i) => fake.objects.set(ids[i], segment));
+  const { stream_id, tag } = expected[0], announced = (epoch) => live({ asset: memory.asset, format, stream_id, tag, epoch });
+  const held = () => said(fake.last, 'ack').at(-1)?.items[0].generation;
+  /** Until the client says that it holds this. */
+  const holds = (generation) => until(() => (fake.send(frames[0]), held() === generation), `generation ${generation}`);
+  const remember = (generation, kept, segments) => fake.say({ op: 'remember', stream: 'lab/horse', generation, ...(kept ? { kept } : {}), segments });
+  const stream = broker.watch('lab/horse');
+  await until(() => fake.last);
+  fake.say(announced(1));
+  fake.send(frames[0]);
+  await until(() => said(fake.last, 'ack').length > 0);
+  assert.equal(held(), undefined);
+  remember(4, 0, [ids[0]]);
+  await holds(4);
+  remember(5, 1, ids.slice(1));
+  await holds(5);
+  assert.deepEqual(fetched(), ids, 'each once');
+  for (const frame of frames) fake.send(frame);
+  const keys = expected.filter(({ kind }) => kind === 'key' || kind === 'join').length;
+  await until(() => stream.status.counts.keys > keys, 'all keys');
+  assert.equal(stream.status.counts.rejected, 0);
+
+  fake.say(announced(2));
+  await holds(undefined);
+  remember(9, 0, ids);
+  await holds(9);
+  remember(10, 0, [ids[1] ?? ids[0], 'f'.repeat(64)]);
+  await holds(undefined);
+  assert.equal(stream.status.counts.rejected, 0, 'what never comes stops no frame');
+  remember(11, 0, ids);
+  await holds(11);
+  remember(12, 9, []);
+  await holds(undefined);
+
+  fake.last.socket.terminate();
+  await until(() => fake.connections.length === 2);
+  fake.say(announced(2));
+  await holds(undefined);
+  const before = fetched().length;
+  remember(9, 0, ids);
+  await holds(9);
+  assert.equal(fetched().length, before + ids.length, 'nothing of it was kept');
 });
 
 test('ScalarChannelsAreReadAndChecked', () => {

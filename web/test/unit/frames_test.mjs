@@ -16,7 +16,13 @@ function following(stream) {
   const frames = new Frames(core);
   const { stream_id: id, tag } = stream.expected[0];
   frames.begin(id, tag, EPOCH, stream.format, stream.scheme);
+  for (const segment of stream.memory?.segments ?? []) frames.remember(stream.memory.asset, segment);
   return frames;
+}
+function referenceOf(stream) {
+  const reference = new FrameDecoder(stream.given);
+  for (const segment of stream.memory?.segments ?? []) reference.addSegment(Buffer.from(stream.memory.asset, 'hex'), segment);
+  return reference;
 }
 
 /** What a decoded frame of the reference, or an expected one, shows. */
@@ -65,7 +71,7 @@ for (const stream of goldenStreams()) {
 
   test(`${stream.name}: PosesAreThoseOfTheReferenceDecoder`, () => {
     const frames = following(stream);
-    const reference = new FrameDecoder(stream.given);
+    const reference = referenceOf(stream);
     for (const bytes of stream.frames) {
       const { coefficients } = frames.decode(bytes);
       const shown = shownOf(reference.decode(bytes));
@@ -99,7 +105,7 @@ for (const stream of goldenStreams()) {
     for (let round = 0; round < 300; ++round) {
       const i = random(stream.frames.length), damaged = stream.frames[i].slice();
       for (let n = 1 + random(3); n > 0; --n) damaged[random(damaged.length)] ^= 1 << random(8);
-      const reference = new FrameDecoder(stream.given);
+      const reference = referenceOf(stream);
       frames.restart();
       for (const before of stream.frames.slice(0, i)) {
         frames.decode(before);
@@ -124,6 +130,26 @@ for (const stream of goldenStreams()) {
     frames.free();
   });
 }
+
+test('AMemoryIsOfItsSurfaceAndEpochAndSegmentsAreChecked', () => {
+  const stream = goldenStreams().find(({ memory }) => memory), { asset, segments } = stream.memory, frames = following(stream);
+  const recalled = stream.expected.findIndex(({ flags }) => (flags & 4) !== 0);
+  const isTaken = () => stream.frames.slice(0, recalled + 1).every((bytes) => frames.decode(bytes).error === undefined);
+  assert.ok(isTaken());
+  frames.forgetMemory();
+  assert.ok(!isTaken(), 'it has none');
+  for (let size = 5; size < segments[0].length; ++size) assert.throws(() => frames.remember(asset, segments[0].subarray(0, size)), { code: 'corrupt' }, String(size));
+  assert.throws(() => frames.remember('b5'.repeat(32), segments[0]), { code: 'corrupt' });
+  assert.throws(() => frames.remember(asset, Uint8Array.of(...segments[0], 0)), { code: 'corrupt' });
+  assert.throws(() => frames.remember(asset, Uint8Array.from(segments[0], (byte, i) => (i === 4 ? 2 : byte))), { code: 'unsupported' });
+  assert.ok(!isTaken(), 'nothing of them is there');
+  for (const segment of segments) frames.remember(asset, segment);
+  assert.ok(isTaken());
+  const { stream_id: id, tag } = stream.expected[0];
+  frames.begin(id, tag, EPOCH + 1, stream.format, stream.scheme);
+  assert.ok(!isTaken(), 'another epoch has none');
+  frames.free();
+});
 
 test('FramesOfAnotherTagAreCountedNotShown', () => {
   const stream = goldenStreams()[0];

@@ -15,12 +15,13 @@ export const makeCore = () => internals.Core.make(wasm);
 
 /** The streams of tests/golden: format, frames as bytes, what each decodes to. */
 export function goldenStreams() {
-  return readdirSync(GOLDEN).filter((name) => name.endsWith('.frames') && name !== 'quantised-memory.frames').sort().map((name) => {
+  return readdirSync(GOLDEN).filter((name) => name.endsWith('.frames')).sort().map((name) => {
     const lines = readFileSync(join(GOLDEN, name), 'utf8').trimEnd().split('\n');
-    const { scheme = 'linear', ...format } = JSON.parse(lines[0].slice('format '.length));
+    const { scheme = 'linear', memory, ...format } = JSON.parse(lines[0].slice('format '.length));
     return {
       name,
       scheme,
+      memory: memory && { asset: memory.asset, segments: memory.segments.map((hex) => new Uint8Array(Buffer.from(hex, 'hex'))) },
       given: { ...format, scheme },
       format: { channels: 3, velocity_channels: 0, velocity_us: 1_000_000, scalars: [], ...format },
       frames: lines.slice(1).map((line) => new Uint8Array(Buffer.from(line, 'hex'))),
