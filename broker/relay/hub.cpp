@@ -81,18 +81,22 @@ Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segm
   Shares& poses = settings_.stream.memory->poses;
   const std::string& payer = stream.keys_.payer;
   const auto added = std::span(next.segments).subspan(before != nullptr ? before->segments.size() : 0);
+  // Those of a memory that this one replaces are charged already.
+  const auto is_new = [](const Generation::Segment& segment) { return segment.since == 0; };
   std::int64_t bytes = 0;
-  for (const auto& segment : added) bytes += bytes_of(segment);
+  for (const auto& segment : added) bytes += is_new(segment) ? bytes_of(segment) : 0;
   if (!poses.fits(payer, bytes, settings_.stream.max_memory_bytes)) {
     return fail(ErrorCode::kTooLarge, "its poses take " + std::to_string(bytes) + " bytes, and of the " +
                                           std::to_string(settings_.stream.max_memory_bytes) +
                                           " that memory.max_bytes allows too few are free for one that holds more");
   }
   for (auto& segment : added) {
+    if (is_new(segment)) {
+      // Recordings may hold them when the hub has gone: what they are charged to goes last.
+      segment.poses = {segment.poses.get(), [memory = settings_.stream.memory, held = segment.poses,
+                                             charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
+    }
     segment.since = number;
-    // Recordings may hold them when the hub has gone: what they are charged to goes last.
-    segment.poses = {segment.poses.get(), [memory = settings_.stream.memory, held = segment.poses,
-                                           charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
     auto grown = next.poses.with(segment.poses);
     if (!grown) return grown.error();
     next.poses = *std::move(grown);

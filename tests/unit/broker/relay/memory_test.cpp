@@ -276,6 +276,20 @@ TEST_F(MemoryTest, PosesAreChargedAndGivenBack) {
   EXPECT_EQ(hub_->memory_bytes(), 0);
 }
 
+TEST_F(MemoryTest, PosesThatAreKeptAreChargedOnce) {
+  remember(0, 100);
+  const std::int64_t bytes = hub_->memory_bytes();
+  const MemorySegment* poses = stream_->memory()->segments[0].poses.get();
+  for (int i = 0; i < 10; ++i) {
+    auto kept = stream_->memory()->segments;
+    stream_->set_memory(nullptr);
+    ASSERT_TRUE(hub_->remember(*stream_, std::move(kept))) << i;
+    EXPECT_EQ(hub_->memory_bytes(), bytes) << i;
+  }
+  EXPECT_EQ(stream_->memory()->segments[0].poses.get(), poses);
+  EXPECT_EQ(stream_->memory()->needed_at(8), stream_->memory()->number) << "who held it before does not hold this one";
+}
+
 /// For recordings and other brokers.
 TEST_F(MemoryTest, ThePlainChainGoesOnFromKeyToKey) {
   plain_key();
