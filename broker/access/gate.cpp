@@ -283,6 +283,10 @@ bool Grant::take_profile_key(double work_us, TimeUs now_us) {
   return take_loop_time(&Account::profile_keys, work_us, now_us, kMaxAheadUs).has_value();
 }
 
+void Grant::charge_profile_key(double work_us, TimeUs now_us) {
+  (void)take_loop_time(&Account::profile_keys, work_us, now_us, kForeverUs);
+}
+
 TimeUs Grant::charge_deliveries(double work_us, TimeUs now_us) {
   return is_spared() ? 0 : *take_loop_time(&Account::deliveries, work_us, now_us, kForeverUs);
 }

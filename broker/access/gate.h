@@ -140,6 +140,7 @@ class Grant {
   bool charge_poses(double work_us, TimeUs now_us);
   /// The same for keys in the profiles that it watches. False: it was not taken, the key has to be left out.
   bool take_profile_key(double work_us, TimeUs now_us);
+  void charge_profile_key(double work_us, TimeUs now_us);  ///< Once it is made: whatever is left.
   /// The same for frames that were written to it, apart: how long no more should be. This machine's have no limit.
   TimeUs charge_deliveries(double work_us, TimeUs now_us);
   const void* purse() const { return site_.get(); }  ///< The same for all who share these budgets.

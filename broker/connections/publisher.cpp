@@ -211,6 +211,7 @@ void Publisher::on_binary(ByteView message) {
   }
   ++context().counters.frames_received;
   if (stream_->snapshot().newest->generation != 0) ++context().counters.keys_recalled;
+  if (const double work_us = stream_->take_unpaid_us(); work_us > 0) charge(work_us);
   context().hub.mark_dirty(*stream_);
 }
 

@@ -105,6 +105,10 @@ bool Subscriber::take_key(double work_us) {
   return grant().take_profile_key(work_us, context().turn.now_us());
 }
 
+void Subscriber::charge_key(double work_us) {
+  if (work_us > 0) grant().charge_profile_key(work_us, context().turn.now_us());
+}
+
 void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
   if (restart) outbox().open_lane(stream.id());
   send(stream.info_text(*this));

@@ -20,6 +20,7 @@ class Subscriber final : public Watcher, public Connection {
   std::string holder() const override { return grant().is_spared() ? std::string() : grant().holder(); }
   bool charge_poses(double work_us) override;
   bool take_key(double work_us) override;
+  void charge_key(double work_us) override;
   const void* purse() const override { return grant().purse(); }
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_memory(const Stream& stream) override;

@@ -226,13 +226,14 @@ void Stream::set_memory(GenerationPtr memory) {
   for (Watcher* watcher : order_) watcher->on_memory(*this);
 }
 
-const KeyRecordPtr& Stream::plain() const {
+const KeyRecordPtr& Stream::plain(double* work_us) const {
   const KeyRecordPtr& newest = present_.newest;
   if (plain_ && newest && plain_->sequence == newest->sequence) return plain_;
   // A chain that begins with the sender's state goes on as the sender's.
   if (!newest || (present_.used == 0 && (!plain_ || plain_->join))) return newest;
   const bool follows = present_.used != 0 && plain_ && newest->before && plain_->sequence + 1 == newest->sequence;
   plain_ = plain_record(layout_, *newest, follows ? plain_.get() : nullptr);
+  (work_us != nullptr ? *work_us : unpaid_us_) += encoding_us(layout_, plain_->payload.size());
   return plain_;
 }
 
@@ -515,7 +516,9 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
                                     Feed::Source{layout_, velocities, id(), present_.epoch, present_.tag,
                                                  settings_.max_span_us, settings_.max_ahead_us});
     group->memory = settings_.memory->encoded.hold(watcher.holder(), encoded_bytes(layout_, profile));
-    if (present_.newest) group->feed.begin_at(plain ? this->plain() : present_.newest);
+    double work_us = 0;
+    if (present_.newest) group->feed.begin_at(plain ? this->plain(&work_us) : present_.newest);
+    watcher.charge_key(work_us);
   }
   group->watchers.push_back(&watcher);
   watched.group = group.get();
@@ -564,12 +567,14 @@ bool Stream::Group::charge_poses(double work_us) {
 
 void Stream::Group::add_key(const Stream& stream, TimeUs now_us) {
   const KeyRecordPtr& record = stream.present_.newest;
-  double work_us = kProfileKeyUs + static_cast<double>(record->payload.size()) / kProfileKeyBytesPerUs;
-  if (plain) work_us += encoding_us(stream.layout_, record->payload.size());
+  const double work_us = kProfileKeyUs + static_cast<double>(record->payload.size()) / kProfileKeyBytesPerUs;
   retry_us.reset();
   if ((feed.profile().rate == Profile::Rate::kRaw && !plain) ||
       find_payer([&](Watcher& watcher) { return watcher.take_key(work_us); })) {
-    return feed.add_key(plain ? stream.plain() : record, now_us, pending);
+    // A few bytes of a key may name any of its sender's poses, so that the plain one is long.
+    double coding_us = 0;
+    feed.add_key(plain ? stream.plain(&coding_us) : record, now_us, pending);
+    return watchers[payer % watchers.size()]->charge_key(coding_us);
   }
   feed.leave_gap();
   retry_us = now_us + kRetryUs;

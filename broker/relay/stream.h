@@ -33,6 +33,8 @@ class Watcher {
   virtual bool charge_poses(double /*work_us*/) { return true; }
   /// Takes what a key in its profile costs, apart; false: the budget is used up, and the key is left out.
   virtual bool take_key(double /*work_us*/) { return true; }
+  /// Takes what coding a key anew took from the same budget, whatever is left of it.
+  virtual void charge_key(double /*work_us*/) {}
   virtual const void* purse() const { return this; }  ///< The same for all of a holder.
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
@@ -192,8 +194,11 @@ class Stream {
   void set_memory(GenerationPtr memory);
   const GenerationPtr& memory() const { return present_.memory; }
   /// The newest key as one that needs no memory; where all keys do not, as it came. Null before the first. It follows
-  /// the one that was returned for the key before.
-  const KeyRecordPtr& plain() const;
+  /// the one that was returned for the key before. Adds about how long coding it took, if it was not coded before, to
+  /// `work_us`, or to what take_unpaid_us() returns.
+  const KeyRecordPtr& plain(double* work_us = nullptr) const;
+  /// What coding keys took that no viewer pays for, since the last call.
+  double take_unpaid_us() { return std::exchange(unpaid_us_, 0); }
 
   // For mirrors of a stream of another loop.
 
@@ -330,7 +335,8 @@ class Stream {
   CoefficientLayout layout_;
   std::unordered_map<const Watcher*, Watched> watched_;
   std::map<GroupKey, std::unique_ptr<Group>> groups_;
-  mutable KeyRecordPtr plain_;                                                ///< See plain(); null: it begins anew.
+  mutable KeyRecordPtr plain_;  ///< See plain(); null: it begins anew.
+  mutable double unpaid_us_ = 0;
   std::vector<Watcher*> order_;                                               ///< All watchers, in order of arrival.
   mutable std::map<Profile, std::shared_ptr<const std::string>> info_texts_;  ///< Of present_.
   mutable std::map<std::size_t, std::shared_ptr<const std::string>> memory_texts_;  ///< Likewise, by `kept`.

@@ -276,6 +276,31 @@ TEST_F(MemoryTest, PosesAreChargedAndGivenBack) {
   EXPECT_EQ(hub_->memory_bytes(), 0);
 }
 
+TEST_F(MemoryTest, CodingKeysAnewIsPaidByWhatItMakes) {
+  struct Payer : MemoryViewer {
+    bool take_key(double work_us) override { return charge_key(work_us), true; }
+    void charge_key(double work_us) override { keys_us += work_us; }
+    double keys_us = 0;
+  } viewer;
+  watch(viewer);
+  plain_key();
+  remember(0, 30);
+  recalled_key(8);
+  viewer.keys_us = 0;
+  double made_us = 0;
+  for (std::uint32_t i = 0; i < 20; ++i) {
+    recalled_key(i % 2 == 0 ? 8 * 28 : 8 * 2);  // To and fro: few bytes of the sender, many without its memory.
+    made_us += encoding_us(small_layout(), stream_->plain()->payload.size());
+  }
+  EXPECT_GE(viewer.keys_us, made_us + 20 * 5);
+  EXPECT_EQ(stream_->take_unpaid_us(), 0) << "its viewers pay";
+  stream_->unwatch(viewer);
+  recalled_key(8);
+  EXPECT_EQ(stream_->take_unpaid_us(), 0) << "nobody needs it";
+  EXPECT_GT(encoding_us(small_layout(), stream_->plain()->payload.size()), 0);
+  EXPECT_GT(stream_->take_unpaid_us(), 0) << "the sender pays for recordings and other brokers";
+}
+
 TEST_F(MemoryTest, PosesThatAreKeptAreChargedOnce) {
   remember(0, 100);
   const std::int64_t bytes = hub_->memory_bytes();
