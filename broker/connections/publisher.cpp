@@ -18,6 +18,22 @@ namespace {
 constexpr TimeUs kContestUs = 3'000'000;
 constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
 
+struct Loading {
+  std::vector<Generation::Segment> segments;
+  std::size_t first_new = 0;
+  Result<void> done{};
+};
+
+/// What decoding the new segments of a memory took, if a byte and a pose take that much.
+double decoding_us(const Loading& loading, double byte_us, double pose_us) {
+  double sum = 0;
+  for (const auto& segment : std::span(loading.segments).subspan(loading.first_new)) {
+    if (segment.coded) sum += static_cast<double>(segment.coded->size()) * byte_us;
+    if (segment.poses) sum += segment.poses->poses * pose_us;
+  }
+  return sum;
+}
+
 }  // namespace
 
 Publisher::Publisher(Context& context, Transport transport, GrantPtr grant, std::string stream_name)
@@ -168,33 +184,38 @@ void Publisher::on_remember(const control::Remember& memory) {
   if (held) segments.assign(held->segments.begin(), held->segments.begin() + memory.kept);
   for (const std::string& id : memory.segments) segments.push_back({id, nullptr, 0});
   if (segments.empty()) return answer_memory(memory.generation, {});
-  loading_ = stream_->epoch();
-  struct Loading {
-    std::vector<Generation::Segment> segments;
-    Result<void> done;
-  };
-  const auto loading = std::make_shared<Loading>(Loading{std::move(segments), {}});
+  const auto loading = std::make_shared<Loading>(Loading{std::move(segments), memory.kept});
   const AssetDigest asset = Sha256::from_hex(stream_->asset())->digest;
-  on_disk(
-      [loading, &assets = context().assets, layout, asset] {
-        try {
-          loading->done = load_segments(assets, layout, asset, loading->segments);
-        } catch (const std::exception& exception) {
-          loading->done = fail(ErrorCode::kInternal, exception.what());
-        }
-      },
-      [this, loading, generation = memory.generation, epoch = loading_] {
-        remember(generation, epoch, std::move(loading->segments), loading->done);
-      });
+  const double byte_us = stream_->decoding_us(1, false), pose_us = stream_->decoding_us(0, true);
+  const auto read = [this, weak = weak_from_this(), loading, layout, asset, byte_us, pose_us,
+                     generation = memory.generation, epoch = stream_->epoch()](std::function<void()> done) {
+    const auto alive = weak.lock();
+    if (!alive || stream_ == nullptr || stream_->epoch() != epoch) return false;
+    on_disk(
+        [loading, &assets = context().assets, layout, asset] {
+          try {
+            loading->done = load_segments(assets, layout, asset, loading->segments);
+          } catch (const std::exception& exception) {
+            loading->done = fail(ErrorCode::kInternal, exception.what());
+          }
+        },
+        [this, loading, byte_us, pose_us, generation, epoch, done = std::move(done)] {
+          done();
+          charge(decoding_us(*loading, byte_us, pose_us));
+          remember(generation, epoch, std::move(loading->segments), loading->done);
+        });
+    return true;
+  };
+  loading_ = stream_->epoch();
+  if (context().memory_reads.push(grant().is_spared() ? std::string() : grant().holder(), read)) return;
+  loading_ = 0;
+  refuse_memory(ErrorCode::kRefused, "too many memories wait to be read: try again later");
 }
 
 void Publisher::remember(std::uint32_t generation, std::uint32_t epoch, std::vector<Generation::Segment> segments,
                          const Result<void>& loaded) {
   if (loading_ == epoch) loading_ = 0;
   if (stream_ == nullptr || stream_->epoch() != epoch) return;
-  double poses = 0;
-  for (const auto& segment : segments) poses += segment.since == 0 && segment.poses ? segment.poses->poses : 0;
-  charge(poses * stream_->decoding_us(stream_->layout().size() / 4, true));
   if (!loaded) return answer_memory(generation, loaded);
   const auto held = context().hub.remember(*stream_, std::move(segments));
   if (held) ++context().counters.memories;

@@ -10,6 +10,7 @@
 
 #include "broker/config/config.h"
 #include "broker/context/counters.h"
+#include "broker/context/memory_reads.h"
 #include "common/core/log.h"
 
 namespace boost::asio {
@@ -48,7 +49,7 @@ struct Context : SharedContext {
   boost::asio::io_context& loop;  ///< Any thread may post to it.
   Config config;                  ///< As of the latest reload.
   Hub& hub;
-  Turn& turn;    ///< Writes at the end of each turn of the loop.
+  Turn& turn;  ///< Writes at the end of each turn of the loop.
   NewcomerTime& newcomers;
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
@@ -59,6 +60,7 @@ struct Context : SharedContext {
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;
+  MemoryReads memory_reads{};
   bool disk_fails = false;  ///< The data folder takes no files. Of the first loop.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< For the connection being read.
 };

@@ -18,10 +18,10 @@ Result<void> load_segments(const AssetStore& assets, const CoefficientLayout& la
         return fail(ErrorCode::kTooLarge, "segment " + segment.id + " is over 8 MiB");
       auto bytes = assets.bytes_of(id);
       if (!bytes) return bytes.error();
-      auto decoded = decode_segment(layout, asset, *bytes);
+      segment.coded = std::make_shared<const Bytes>(*std::move(bytes));
+      auto decoded = decode_segment(layout, asset, *segment.coded);
       if (!decoded) return decoded.error();
       segment.poses = *std::move(decoded);
-      segment.coded = std::make_shared<const Bytes>(*std::move(bytes));
     }
     if (auto fits = PoseMemory::check_size(layout, poses += segment.poses->poses); !fits) return fits;
   }

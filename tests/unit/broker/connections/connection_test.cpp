@@ -11,6 +11,7 @@
 #include <thread>
 #include <utility>
 
+#include "broker/context/memory_reads.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
@@ -98,6 +99,27 @@ TEST_F(ConnectionTest, ReadsNothingOnceClosed) {
   while (connection->messages_when_closed < 0) run();
   run();
   EXPECT_EQ(connection->messages, connection->messages_when_closed);
+}
+
+TEST(MemoryReadsTest, OneAtATimeAndHoldersInTurns) {
+  MemoryReads reads;
+  std::string begun;
+  std::vector<std::function<void()>> done;
+  const auto read = [&](char name, bool wanted = true) {
+    return reads.push(std::string(1, name), [&, name, wanted](std::function<void()> end) {
+      begun += name;
+      if (wanted) done.push_back(std::move(end));
+      return wanted;
+    });
+  };
+  int most = 0;
+  while (most < 1000 && read('a')) ++most;
+  EXPECT_LT(most, 300) << "it leaves places to others";
+  EXPECT_TRUE(read('b', false));
+  EXPECT_TRUE(read('c'));
+  EXPECT_EQ(begun, "a") << "one at a time, so that a thread of the disk is left for all else";
+  for (int i = 0; i < 3; ++i) done.back()();
+  EXPECT_EQ(begun, "abaca") << "others do not wait for all of one";
 }
 
 }  // namespace
