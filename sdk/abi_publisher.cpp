@@ -1,17 +1,24 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <chrono>
 #include <span>
+#include <string>
+#include <thread>
 
+#include "common/core/clock.h"
 #include "sdk/abi.h"
 #include "sdk/publisher.h"
 
 struct ec_publisher {
   std::unique_ptr<eigencast::Publisher> publisher;
   std::size_t vertices = 0, scalars = 0;
+  mutable std::string detail = {};  ///< Of the last statistics.
 };
 
 namespace eigencast {
 namespace {
+
+constexpr std::chrono::milliseconds kLivePoll{5};
 
 ec_status from_send(const Result<SendStatus>& sent) {
   if (!sent) return abi::failed(sent.error());
@@ -96,7 +103,27 @@ ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_sta
     result.frames_dropped = now.frames_dropped;
     result.bytes_sent = now.payload_bytes;
     result.reconnects = now.reconnects;
+    const auto dropped = [&now](Publisher::DropReason why) { return now.dropped_for[static_cast<std::size_t>(why)]; };
+    result.dropped_disconnected = dropped(Publisher::DropReason::kDisconnected);
+    result.dropped_behind = dropped(Publisher::DropReason::kBehind);
+    result.dropped_time = dropped(Publisher::DropReason::kTime);
+    result.dropped_unusable = dropped(Publisher::DropReason::kUnusable);
+    result.detail = (publisher->detail = now.detail).c_str();
     return give(stats, result);
+  });
+}
+
+ec_status ec_publisher_wait_live(const ec_publisher* publisher, int timeout_ms) {
+  return guarded([&] {
+    if (publisher == nullptr) return invalid("ec_publisher_wait_live: publisher is null");
+    const TimeUs end = steady_now_us() + TimeUs{1000} * std::max(0, timeout_ms);
+    while (true) {
+      const Publisher::Stats now = publisher->publisher->stats();
+      if (now.state == Publisher::State::kLive) return EC_OK;
+      if (now.gave_up) return failed(fail(ErrorCode::kRefused, now.detail));
+      if (steady_now_us() >= end) return EC_NOTHING;
+      std::this_thread::sleep_for(kLivePoll);
+    }
   });
 }
 

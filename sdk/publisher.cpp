@@ -198,10 +198,10 @@ class BrokerPublisher final : public Publisher {
 
   /// Counted. REQUIRES: mutex_ is held.
   std::optional<SendStatus> send_blocker(TimeUs capture_us) {
-    if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
-    if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
+    if (stats_.state != State::kLive) return dropped(DropReason::kDisconnected);
+    if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(DropReason::kBehind);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
-    if (!writer_.may_follow(capture_us)) return dropped(SendStatus::kDropped);
+    if (!writer_.may_follow(capture_us)) return dropped(DropReason::kTime);
     return std::nullopt;
   }
 
@@ -213,7 +213,8 @@ class BrokerPublisher final : public Publisher {
     // Before it is handed over: the broker may have it before the call returns.
     const TimeUs sent_us = steady_now_us();
     const SendStatus status = socket_->send_binary(std::move(coded->message));
-    if (status != SendStatus::kSent) return dropped(status);
+    if (status != SendStatus::kSent)
+      return dropped(status == SendStatus::kDisconnected ? DropReason::kDisconnected : DropReason::kBehind);
     if (pose != nullptr && writer_.state() != nullptr) keep(*pose, *coded, bytes);
     writer_.sent(*std::move(coded), bytes);
     ++stats_.frames_sent;
@@ -287,15 +288,16 @@ class BrokerPublisher final : public Publisher {
         "memory not used: " + why.message);
   }
 
-  SendStatus dropped(SendStatus status) {
+  SendStatus dropped(DropReason why) {
     ++stats_.frames_dropped;
-    return status;
+    ++stats_.dropped_for[static_cast<std::size_t>(why)];
+    return why == DropReason::kDisconnected ? SendStatus::kDisconnected : SendStatus::kDropped;
   }
 
   SendStatus unusable(const Error& why) {
     if (stats_.detail != why.message) log(log_, LogLevel::kError, "frame not sent: " + why.message);
     stats_.detail = why.message;
-    return dropped(SendStatus::kDropped);
+    return dropped(DropReason::kUnusable);
   }
 
   /// Where timing marks were asked for. Lost traces are not resent. REQUIRES: mutex_ is held.

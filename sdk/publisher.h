@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
@@ -81,13 +83,17 @@ struct VertexPose {
 /// meanwhile are dropped, never queued; send() never blocks. Use from one thread; different Publishers are independent.
 class Publisher {
  public:
+  /// Why a frame was not sent: there is no connection; too much waits for the link; its time is not after the one
+  /// before; it cannot be coded.
+  enum class DropReason : std::uint8_t { kDisconnected, kBehind, kTime, kUnusable };
   enum class State { kConnecting, kUploading, kLive, kRefused };
   struct Stats {
     State state = State::kConnecting;
     std::string detail;  ///< For people: "uploading 3.1 of 4.2 MB", "broker lost: ..., next try in 400 ms".
     std::uint64_t frames_sent = 0;
     std::uint64_t frames_dropped = 0;
-    std::uint64_t frames_recalled = 0;  ///< Of those sent: predicted from the memory.
+    std::array<std::uint64_t, 4> dropped_for{};  ///< By DropReason; `detail` has the words for the last one.
+    std::uint64_t frames_recalled = 0;           ///< Of those sent: predicted from the memory.
     std::uint64_t frames_held = 0;  ///< Not sent because the surface was still (PublisherOptions::still_heartbeat_us).
     std::uint64_t payload_bytes = 0;  ///< Counts the frames sent, envelope included.
     std::uint64_t memory_bytes = 0;   ///< Segments of the memory, as given to the broker: what each viewer fetches.

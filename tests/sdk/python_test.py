@@ -206,8 +206,21 @@ class Package(unittest.TestCase):
     def test_without_a_broker_it_never_waits(self):
         with eigencast.Publisher("ws://127.0.0.1:9/nobody", self.asset) as publisher:
             self.assertIs(publisher.send(self.positions), eigencast.Sent.DISCONNECTED)
+            self.assertFalse(publisher.wait_live(timeout=0))
+            stats = publisher.stats()
+            self.assertEqual((stats.frames_dropped, stats.dropped_disconnected), (1, 1))
+            self.assertIn("127.0.0.1:9", stats.detail)
         with eigencast.Subscriber("ws://127.0.0.1:9/nobody", cache_dir="") as subscriber:
             self.assertIsNone(subscriber.next(timeout=0.01))
+
+    def test_poses_after_wait_live_are_sent_and_drops_are_counted_by_reason(self):
+        with eigencast.Publisher(self.origin + "/waited", self.asset) as publisher:
+            self.assertTrue(publisher.wait_live(timeout=60))
+            self.assertIs(publisher.send(self.positions, 1_000_000), eigencast.Sent.SENT)
+            self.assertIs(publisher.send(self.positions, 1_000_000), eigencast.Sent.DROPPED)
+            stats = publisher.stats()
+        self.assertEqual((stats.frames_sent, stats.frames_dropped, stats.dropped_time), (1, 1, 1))
+        self.assertEqual((stats.dropped_disconnected, stats.dropped_behind, stats.dropped_unusable), (0, 0, 0))
 
     def test_progress_is_told_and_can_end_the_bake(self):
         reports = []

@@ -31,7 +31,7 @@ extern "C" {
 /** The outcome of a call. */
 typedef enum ec_status {
   EC_OK = 0,
-  EC_DROPPED = 1,      /**< The link is behind; this frame was not sent and the next one supersedes it. */
+  EC_DROPPED = 1, /**< This frame was not sent, for a reason that the statistics count; the next one supersedes it. */
   EC_DISCONNECTED = 2, /**< There is no connection now; it is being made anew in the background. */
   EC_NOTHING = 3,      /**< Nothing came within the time given. */
 
@@ -192,6 +192,13 @@ typedef struct ec_publisher_stats {
   uint64_t frames_dropped;
   uint64_t bytes_sent; /**< Of frames, envelopes included. */
   uint64_t reconnects;
+  /* Of frames_dropped: */
+  uint64_t dropped_disconnected; /**< There was no connection. */
+  uint64_t dropped_behind;       /**< Too much waited for the link. */
+  uint64_t dropped_time;         /**< capture_us was not after that of the frame before. */
+  uint64_t dropped_unusable;     /**< They could not be coded. */
+  const char* detail; /**< For people: "uploading 3.1 of 4.2 MB", why the last frame could not be coded. Valid until the
+                         next call on the publisher. */
 } ec_publisher_stats;
 
 /**
@@ -222,6 +229,11 @@ typedef struct ec_pose {
  * is missing. */
 EC_API ec_status ec_publisher_send_pose(ec_publisher* publisher, const ec_pose* pose);
 EC_API ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_stats* stats);
+/**
+ * Waits at most `timeout_ms` until poses go out: what is sent before is EC_DISCONNECTED.
+ * Returns EC_OK or EC_NOTHING (not yet). Errors: EC_REFUSED (another sender has the stream for good).
+ */
+EC_API ec_status ec_publisher_wait_live(const ec_publisher* publisher, int timeout_ms);
 /** Disconnects, waiting at most a second. Null is allowed. */
 EC_API void ec_publisher_release(ec_publisher* publisher);
 

@@ -215,6 +215,12 @@ class Publisher {
     return check(ec_publisher_send_pose(publisher_.get(), &pose));
   }
 
+  /// Waits at most `timeout` until poses go out; false: not yet.
+  [[nodiscard]] bool wait_live(std::chrono::milliseconds timeout) const {
+    return check(ec_publisher_wait_live(publisher_.get(), static_cast<int>(timeout.count()))) == EC_OK;
+  }
+
+  /// `detail` stays until the next call.
   ec_publisher_stats stats() const {
     auto stats = EC_INIT(ec_publisher_stats);
     check(ec_publisher_get_stats(publisher_.get(), &stats));

@@ -81,7 +81,8 @@ class PoseToSend(Sized):
 
 class PublisherStats(Sized):
     _fields_ = [("struct_size", c_size_t), ("live", c_int), ("subscribers", c_uint32), ("frames_sent", c_uint64),
-                ("frames_dropped", c_uint64), ("bytes_sent", c_uint64), ("reconnects", c_uint64)]
+                ("frames_dropped", c_uint64), ("bytes_sent", c_uint64), ("reconnects", c_uint64), ("dropped_disconnected", c_uint64),
+                ("dropped_behind", c_uint64), ("dropped_time", c_uint64), ("dropped_unusable", c_uint64), ("detail", c_char_p)]
 
 
 class SubscriberOptions(Sized):
@@ -116,6 +117,7 @@ _SIGNATURES = {
     "ec_publisher_create": (c_int, [c_char_p, c_void_p, POINTER(PublisherOptions), POINTER(c_void_p)]),
     "ec_publisher_send_pose": (c_int, [c_void_p, POINTER(PoseToSend)]),
     "ec_publisher_get_stats": (c_int, [c_void_p, POINTER(PublisherStats)]),
+    "ec_publisher_wait_live": (c_int, [c_void_p, c_int]),
     "ec_publisher_release": (None, [c_void_p]),
     "ec_subscriber_create": (c_int, [c_char_p, POINTER(SubscriberOptions), POINTER(c_void_p)]),
     "ec_subscriber_next": (c_int, [c_void_p, c_int]),

@@ -46,7 +46,9 @@ class _Object:
     def _stats(self, function, c_struct, result):
         raw = c_struct()
         check(function(self._open(), ctypes.byref(raw)))
-        return result(**{field.name: field.type(getattr(raw, field.name)) for field in dataclasses.fields(result)})
+        values = {field: getattr(raw, field.name) for field in dataclasses.fields(result)}
+        return result(**{field.name: value.decode("utf-8", "replace") if isinstance(value, bytes) else field.type(value)
+                         for field, value in values.items()})
 
 
 class Asset(_Object):
@@ -166,7 +168,7 @@ def _access(token, ca_file, certificate_file, key_file, insecure):
 class Sent(enum.Enum):
     """What became of a pose."""
     SENT = Status.OK
-    DROPPED = Status.DROPPED  #: The link is behind; the next pose supersedes it.
+    DROPPED = Status.DROPPED  #: The next pose supersedes it; stats() count why.
     DISCONNECTED = Status.DISCONNECTED  #: There is no connection now; it is being made anew in the background.
 
 
@@ -178,6 +180,11 @@ class PublisherStats:
     frames_dropped: int
     bytes_sent: int
     reconnects: int
+    dropped_disconnected: int  #: of frames_dropped: there was no connection
+    dropped_behind: int  #: too much waited for the link
+    dropped_time: int  #: capture_us was not after that of the pose before
+    dropped_unusable: int  #: they could not be coded
+    detail: str  #: for people: what is going on, why the last pose could not be coded
 
 
 @dataclasses.dataclass(frozen=True)
@@ -243,6 +250,10 @@ class Publisher(_Object):
             if rows is not None:
                 setattr(pose, what, _pointer(rows, ctypes.c_float))
         return Sent(check(LIBRARY.ec_publisher_send_pose(self._open(), ctypes.byref(pose))))
+
+    def wait_live(self, timeout=10.0):
+        """Waits at most `timeout` seconds until poses go out: what is sent before is DISCONNECTED. False: not yet. Raises Error (refused for good)."""
+        return check(LIBRARY.ec_publisher_wait_live(self._open(), max(0, round(1000 * timeout)))) == Status.OK
 
     def stats(self):
         return self._stats(LIBRARY.ec_publisher_get_stats, _library.PublisherStats, PublisherStats)

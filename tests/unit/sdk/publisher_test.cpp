@@ -22,7 +22,15 @@ TEST(Publisher, InvalidFramesAreDroppedAndReported) {
   EXPECT_EQ(sender.publisher->send_coefficients(std::vector<double>(3), steady_now_us()), SendStatus::kDropped);
   EXPECT_EQ(sender.publisher->send_coefficients(pose(*model(40).asset, 0), 1), SendStatus::kDropped)
       << "time must grow";
-  EXPECT_EQ(sender.publisher->stats().frames_sent, 1u);
+  const Publisher::Stats stats = sender.publisher->stats();
+  EXPECT_EQ(stats.frames_sent, 1u);
+  const auto dropped_for = [&stats](Publisher::DropReason why) {
+    return stats.dropped_for[static_cast<std::size_t>(why)];
+  };
+  EXPECT_EQ(dropped_for(Publisher::DropReason::kUnusable), 2u);
+  EXPECT_EQ(dropped_for(Publisher::DropReason::kTime), 1u);
+  EXPECT_EQ(dropped_for(Publisher::DropReason::kBehind), 0u);
+  EXPECT_EQ(stats.frames_dropped, stats.dropped_for[0] + 3) << "and poses before it was live";
   EXPECT_TRUE(sender.send()) << "and the stream goes on";
 }
 
