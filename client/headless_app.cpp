@@ -51,13 +51,14 @@ class Headless {
     // After the start of the renderer, whose threads must not inherit this.
     run_when_woken(kMakingPoses);
     const TimeUs start = steady_now_us();
+    bool gone = false;
     while (!stop.load()) {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
       if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
       if (options_.frames > 0 && taken_ >= options_.frames) break;
       if (options_.turntable > 0 && taken_ >= options_.turntable) break;
       if (taken_ == 0 && is_over_before_it_began()) return report_no_stream();
-      if (flight_is_over()) break;
+      if (flight_is_over() || (gone = senders_are_gone())) break;
       session_->update(std::chrono::milliseconds(flying() ? 0 : 20), camera_);
       if (taken_ == 0 && waits_for_all() && !all_is_here()) continue;
       // A turntable of a still surface goes on, too.
@@ -67,7 +68,12 @@ class Headless {
       if (const Result<void> taken = take_picture(); !taken) return taken.error();
     }
     if (const Result<void> written = write_results(); !written) return written.error();
-    return taken_ > 0 || stop.load() ? kExitGood : report_no_stream();
+    if (taken_ == 0 && !stop.load()) return report_no_stream();
+    if (!gone) return kExitGood;
+    log(log_, LogLevel::kError,
+        "the sender is gone: " + std::to_string(taken_) + " of " + std::to_string(options_.frames) +
+            " pictures; --wait gives it longer to come back");
+    return kExitNoStream;
   }
 
  private:
@@ -114,6 +120,18 @@ class Headless {
       if (clip_in(options_.scene.streams[i]) || !says_no(i)) return false;
     }
     return streams > 0;
+  }
+
+  /// Pictures are missing, and for as long as it waits nothing is new and nobody sends.
+  bool senders_are_gone() const {
+    if (taken_ == 0 || taken_ >= options_.frames ||
+        static_cast<double>(steady_now_us() - taken_us_) / 1e6 < options_.wait_s)
+      return false;
+    const auto sends = [](const PoseSource* source) {
+      const Subscriber::State state = source->stats().state;
+      return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
+    };
+    return std::none_of(session_->sources().begin(), session_->sources().end(), sends);
   }
 
   bool flying() const { return path_ && flight_began_us_; }

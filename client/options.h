@@ -35,7 +35,8 @@ struct ClientOptions {
   std::uint64_t frames = 0;  ///< 0: no limit
   bool first = false;        ///< Headless: pictures before the whole surface has come count.
   double duration_s = 0;     ///< 0: no limit
-  double wait_s = 30;        ///< Headless: how long to wait before the first picture while nothing comes.
+  double wait_s = 30;        ///< Headless: how long to wait before the first picture while nothing comes, or for a
+                             ///< sender that is gone before the last of `frames`.
   std::string out, json, record, record_shown, screenshot;
   bool watch = false;    ///< Changed files are read again.
   std::string truth;     ///< The clip that the streams play; may be empty.

@@ -167,6 +167,18 @@ TEST_F(Apps, HeadlessWithoutStreamExitsWithFour) {
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitNoStream);
 }
 
+TEST_F(Apps, HeadlessEndsOnceTheSenderIsGone) {
+  options_.headless = true;
+  options_.frames = 100;
+  options_.wait_s = 0.05;
+  options_.json = path("gone.json");
+  source_.on_poll = [&] {
+    if (source_.batches.empty()) source_.stats_.state = Subscriber::State::kStalled;
+  };
+  EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitNoStream) << said_;
+  EXPECT_EQ(json::parse(std::ifstream(options_.json))["frames_out"]["drawn"], 8) << "what came is kept";
+}
+
 TEST_F(Apps, HeadlessReportsMissingColours) {
   options_.headless = true;
   options_.frames = 1;
