@@ -8,6 +8,7 @@
 #include "common/asset/asset.h"
 #include "common/core/clock.h"
 #include "common/spectral/known_motion.h"
+#include "common/surface/cells.h"
 #include "common/surface/checks/check.h"
 #include "sdk/asset_cache.h"
 #include "sdk/asset_folder.h"
@@ -36,19 +37,6 @@ constexpr std::string_view kNames[] = {
 static_assert(std::size(kNames) == EC_NOTHING - EC_INTERNAL + 1);
 static_assert(kNames[EC_REFUSED - EC_INTERNAL] == "refused" && kNames[EC_OK - EC_INTERNAL] == "ok" &&
               kNames[EC_NOTHING - EC_INTERNAL] == "nothing");
-
-Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
-                             std::uint32_t face_count) {
-  if (positions == nullptr || (faces == nullptr && face_count > 0)) {
-    return fail(ErrorCode::kInvalidArgument, "ec_bake: positions, or faces with face_count > 0, is null");
-  }
-  Surface surface;
-  surface.positions.resize(vertices);
-  surface.faces.resize(face_count);
-  for (std::size_t i = 0; i < vertices; ++i) std::copy_n(positions + 3 * i, 3, surface.positions[i].begin());
-  for (std::size_t i = 0; i < face_count; ++i) std::copy_n(faces + 3 * i, 3, surface.faces[i].begin());
-  return surface;
-}
 
 /// Null: no appearance is given. Errors: kInvalidArgument, kTooLarge.
 Result<std::optional<Appearance>> appearance_from(const ec_appearance* given, const Surface& surface) {
@@ -99,6 +87,19 @@ KnownMotion motion_from(const ec_bake_options& given, std::size_t vertices) {
 }
 
 }  // namespace
+
+Result<Surface> abi::surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
+                                  std::uint32_t face_count) {
+  if (positions == nullptr || (faces == nullptr && face_count > 0)) {
+    return fail(ErrorCode::kInvalidArgument, "positions, or faces with face_count > 0, is null");
+  }
+  Surface surface;
+  surface.positions.resize(vertices);
+  surface.faces.resize(face_count);
+  for (std::size_t i = 0; i < vertices; ++i) std::copy_n(positions + 3 * i, 3, surface.positions[i].begin());
+  for (std::size_t i = 0; i < face_count; ++i) std::copy_n(faces + 3 * i, 3, surface.faces[i].begin());
+  return surface;
+}
 
 ec_status abi::failed(const Error& error) {
   last_error = error.message;
@@ -166,7 +167,8 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
         bake(*surface, bake_options, given.cache_dir != nullptr ? given.cache_dir : default_cache_dir(), progress);
     if (!baked) return failed(baked.error());
     *asset = new ec_asset{std::make_shared<const Asset>(std::move(baked->asset)),
-                          std::make_shared<const EncodedAsset>(std::move(baked->encoded)), baked->from_cache};
+                          std::make_shared<const EncodedAsset>(std::move(baked->encoded)), baked->from_cache,
+                          is_triangle_soup(*surface)};
     return EC_OK;
   });
 }
@@ -201,6 +203,7 @@ ec_status ec_asset_get_info(const ec_asset* asset, ec_asset_info* info) {
     result.face_count = asset->asset->face_total;
     result.rank = asset->asset->rank;
     result.from_cache = asset->from_cache ? 1 : 0;
+    result.loose_faces = asset->loose_faces ? 1 : 0;
     const std::string id = asset->encoded->manifest.id.hex();
     std::copy_n(id.c_str(), sizeof result.id, result.id);
     return give(info, result);

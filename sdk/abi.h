@@ -14,6 +14,7 @@
 #include "common/asset/format/encode.h"
 #include "common/core/result.h"
 #include "common/net/url.h"
+#include "common/surface/surface.h"
 
 /// What the functions of the C interface share.
 
@@ -21,6 +22,7 @@ struct ec_asset {
   std::shared_ptr<const eigencast::Asset> asset;
   std::shared_ptr<const eigencast::EncodedAsset> encoded;
   bool from_cache = false;
+  bool loose_faces = false;  ///< Baked of a triangle soup.
 };
 
 namespace eigencast::abi {
@@ -28,6 +30,10 @@ namespace eigencast::abi {
 /// Keeps the words for ec_last_error() on this thread.
 ec_status failed(const Error& error);
 ec_status invalid(const char* text);
+
+/// positions: vertices x 3; faces: face_count x 3, which may be null where there are none. Errors: kInvalidArgument.
+Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
+                             std::uint32_t face_count);
 
 /// Runs `body`, which returns an ec_status; no exception gets out.
 template <typename Body>

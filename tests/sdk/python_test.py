@@ -233,6 +233,27 @@ class Package(unittest.TestCase):
         with self.assertRaises(KeyboardInterrupt):
             eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=enough)
 
+    def test_a_triangle_soup_is_told_of_and_welded(self):
+        soup, loose = self.positions[self.faces].reshape(-1, 3), numpy.arange(3 * len(self.faces)).reshape(-1, 3)
+        with self.assertWarnsRegex(UserWarning, "mesh.weld"):
+            self.assertTrue(eigencast.bake(soup, loose, rank=20, cache_dir="").loose_faces)
+        vertices, faces = eigencast.mesh.weld(soup, loose)
+        self.assertEqual((len(vertices), len(faces)), (256, 450))
+        numpy.testing.assert_array_equal(soup[vertices][faces], soup[loose])
+        self.assertFalse(eigencast.bake(soup[vertices], faces, rank=20, cache_dir="").loose_faces)
+
+    def test_solids_and_polygons_become_triangles(self):
+        corners = numpy.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1], [5, 5, 5]], dtype=float)
+        vertices, faces = eigencast.mesh.boundary(corners, [range(8)], "hexahedron")
+        numpy.testing.assert_array_equal(vertices, range(8))
+        a, b, c = (corners[vertices][faces[:, k]] for k in range(3))
+        self.assertAlmostEqual((a * numpy.cross(b, c)).sum() / 6, 1.0)
+        numpy.testing.assert_array_equal(eigencast.mesh.triangles([0, 1, 2, 3, 4, 5, 6], [0, 4, 7]), [[0, 1, 2], [0, 2, 3], [4, 5, 6]])
+        self.assert_refused("INVALID_ARGUMENT", eigencast.mesh.triangles, [0, 1, 2], [0, 4])
+        self.assert_refused("INVALID_ARGUMENT", eigencast.mesh.boundary, corners, [range(8)], "brick")
+        with self.assertRaisesRegex(ValueError, "cells"):
+            eigencast.mesh.boundary(corners, [[-1, 0, 1, 2]], "tetra")
+
     def test_misuse_raises_and_says_why(self):
         with self.assertRaisesRegex(ValueError, r"\(n, 3\)"):
             eigencast.bake(self.positions[:, :2], self.faces)

@@ -122,6 +122,8 @@ typedef struct ec_asset_info {
   uint32_t rank;
   char id[65];    /**< The content id: 64 hexadecimal digits. */
   int from_cache; /**< 1 when nothing had to be computed. */
+  int loose_faces; /**< 1 when its faces share no vertices: they bend apart, and cost as much as so many surfaces.
+                      ec_mesh_weld() first. */
 } ec_asset_info;
 
 /**
@@ -148,6 +150,46 @@ EC_API ec_status ec_asset_save(const ec_asset* asset, const char* folder);
 EC_API ec_status ec_asset_get_info(const ec_asset* asset, ec_asset_info* info);
 /** Null is allowed. Publishers made from the asset go on living. */
 EC_API void ec_asset_release(ec_asset* asset);
+
+/* ---- meshes as programs have them ---- */
+
+/** Triangles, and which of the program's points they number: stream those points alone. Immutable. */
+typedef struct ec_mesh ec_mesh;
+typedef struct ec_mesh_arrays {
+  size_t struct_size;
+  uint32_t vertex_count;    /**< 0: all points, in their order. */
+  const uint32_t* vertices; /**< vertex_count: numbers of points, growing. */
+  uint32_t face_count;
+  const uint32_t* faces; /**< face_count x 3, numbers of `vertices`. */
+} ec_mesh_arrays;
+
+/**
+ * Splits polygons into fans from their first corners, always the same. Those of fewer than three corners are left out.
+ *   connectivity  the corners of all polygons
+ *   offsets       where each begins; the last is corner_count: one more than there are polygons
+ * On EC_OK *mesh is the caller's to release. Errors: EC_INVALID_ARGUMENT, EC_TOO_LARGE.
+ */
+EC_API ec_status ec_mesh_triangles(const uint32_t* connectivity, size_t corner_count, const uint64_t* offsets,
+                                   size_t offset_count, ec_mesh** mesh);
+/**
+ * The surface of a solid: the sides that only one cell has, facing away from its middle.
+ *   points  point_count x 3
+ *   cells   4, 8, 6 or 5 points for each cell, in VTK's order
+ *   kind    "tetra", "hexahedron", "wedge" or "pyramid": of all cells
+ * On EC_OK *mesh is the caller's to release. Errors: EC_INVALID_ARGUMENT.
+ */
+EC_API ec_status ec_mesh_boundary(const double* points, uint32_t point_count, const uint32_t* cells,
+                                  size_t corner_count, const char* kind, ec_mesh** mesh);
+/**
+ * Joins each point to the first one within `tolerance` of it that is joined to none; 0: at the same place. Faces that
+ * lose a corner are dropped.
+ * On EC_OK *mesh is the caller's to release. Errors: EC_INVALID_ARGUMENT.
+ */
+EC_API ec_status ec_mesh_weld(const double* points, uint32_t point_count, const uint32_t* faces, uint32_t face_count,
+                              double tolerance, ec_mesh** mesh);
+/** The arrays belong to the mesh. */
+EC_API ec_status ec_mesh_get(const ec_mesh* mesh, ec_mesh_arrays* arrays);
+EC_API void ec_mesh_release(ec_mesh* mesh); /**< Null is allowed. */
 
 /* ---- publishing ---- */
 

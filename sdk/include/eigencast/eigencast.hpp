@@ -130,6 +130,42 @@ class Asset {
   std::shared_ptr<ec_asset> asset_;
 };
 
+/// Triangles over some of a program's points: see ec_mesh.
+struct Mesh {
+  std::vector<std::uint32_t> vertices;  ///< Numbers of points, growing; empty: all points.
+  std::vector<std::uint32_t> faces;     ///< 3 numbers of `vertices` per triangle.
+
+  static Mesh triangles(std::span<const std::uint32_t> connectivity, std::span<const std::uint64_t> offsets) {
+    return taken([&](ec_mesh** mesh) {
+      return ec_mesh_triangles(connectivity.data(), connectivity.size(), offsets.data(), offsets.size(), mesh);
+    });
+  }
+  static Mesh boundary(std::span<const double> points, std::span<const std::uint32_t> cells, const std::string& kind) {
+    return taken([&](ec_mesh** mesh) {
+      return ec_mesh_boundary(points.data(), static_cast<std::uint32_t>(points.size() / 3), cells.data(), cells.size(),
+                              kind.c_str(), mesh);
+    });
+  }
+  static Mesh weld(std::span<const double> points, std::span<const std::uint32_t> faces, double tolerance) {
+    return taken([&](ec_mesh** mesh) {
+      return ec_mesh_weld(points.data(), static_cast<std::uint32_t>(points.size() / 3), faces.data(),
+                          static_cast<std::uint32_t>(faces.size() / 3), tolerance, mesh);
+    });
+  }
+
+ private:
+  template <typename Make>
+  static Mesh taken(const Make& make) {
+    ec_mesh* made = nullptr;
+    check(make(&made));
+    const std::unique_ptr<ec_mesh, void (*)(ec_mesh*)> mesh(made, ec_mesh_release);
+    auto arrays = EC_INIT(ec_mesh_arrays);
+    check(ec_mesh_get(made, &arrays));
+    return {{arrays.vertices, arrays.vertices + arrays.vertex_count},
+            {arrays.faces, arrays.faces + std::size_t{3} * arrays.face_count}};
+  }
+};
+
 /// How a client identifies itself, and which authorities it trusts.
 struct Access {
   std::string token = {};             ///< "@FILE" reads it; empty: EIGENCAST_TOKEN of the environment.

@@ -11,9 +11,10 @@
 Errors are raised as Error; what becomes of a pose that is sent is a value (Sent). An object is used from one thread at a time;
 different ones are independent. Arrays of a Pose are copies: they stay.
 """
+from . import mesh
 from ._library import Error, Status, library_path, now_us, version
 from ._objects import Asset, Pose, Publisher, PublisherStats, Scalar, Sent, Subscriber, SubscriberStats, bake, load
 
 __all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Status", "Subscriber", "SubscriberStats", "bake",
-           "library_path", "load", "now_us", "version"]
+           "library_path", "load", "mesh", "now_us", "version"]
 __version__ = version()

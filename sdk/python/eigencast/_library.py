@@ -60,7 +60,12 @@ class BakeOptions(Sized):
 
 class AssetInfo(Sized):
     _fields_ = [("struct_size", c_size_t), ("vertex_count", c_uint32), ("face_count", c_uint32), ("rank", c_uint32),
-                ("id", ctypes.c_char * 65), ("from_cache", c_int)]
+                ("id", ctypes.c_char * 65), ("from_cache", c_int), ("loose_faces", c_int)]
+
+
+class MeshArrays(Sized):
+    _fields_ = [("struct_size", c_size_t), ("vertex_count", c_uint32), ("vertices", POINTER(c_uint32)), ("face_count", c_uint32),
+                ("faces", POINTER(c_uint32))]
 
 
 class Scalar(ctypes.Structure):
@@ -114,6 +119,11 @@ _SIGNATURES = {
     "ec_asset_save": (c_int, [c_void_p, c_char_p]),
     "ec_asset_get_info": (c_int, [c_void_p, POINTER(AssetInfo)]),
     "ec_asset_release": (None, [c_void_p]),
+    "ec_mesh_triangles": (c_int, [POINTER(c_uint32), c_size_t, POINTER(c_uint64), c_size_t, POINTER(c_void_p)]),
+    "ec_mesh_boundary": (c_int, [POINTER(c_double), c_uint32, POINTER(c_uint32), c_size_t, c_char_p, POINTER(c_void_p)]),
+    "ec_mesh_weld": (c_int, [POINTER(c_double), c_uint32, POINTER(c_uint32), c_uint32, c_double, POINTER(c_void_p)]),
+    "ec_mesh_get": (c_int, [c_void_p, POINTER(MeshArrays)]),
+    "ec_mesh_release": (None, [c_void_p]),
     "ec_publisher_create": (c_int, [c_char_p, c_void_p, POINTER(PublisherOptions), POINTER(c_void_p)]),
     "ec_publisher_send_pose": (c_int, [c_void_p, POINTER(PoseToSend)]),
     "ec_publisher_get_stats": (c_int, [c_void_p, POINTER(PublisherStats)]),

@@ -4,6 +4,7 @@ import ctypes
 import dataclasses
 import enum
 import typing
+import warnings
 
 import numpy
 
@@ -64,6 +65,7 @@ class Asset(_Object):
         self.rank = info.rank
         self.id = info.id.decode()  #: The content id: 64 hexadecimal digits.
         self.from_cache = bool(info.from_cache)  #: Nothing had to be computed.
+        self.loose_faces = bool(info.loose_faces)  #: Its faces share no vertices: mesh.weld() first. bake() warns of it.
 
     def save(self, folder):
         """Writes the asset into a folder, which is made, for load()."""
@@ -150,7 +152,11 @@ def bake(positions, faces=None, *, rank=None, basis="augmented", name="", cache_
     if raised:
         raise raised[0]
     check(status)
-    return Asset(handle)
+    asset = Asset(handle)
+    if asset.loose_faces:
+        warnings.warn(f"the {f} faces share no vertices, so that they bend apart and cost as much as so many surfaces; join their corners first: "
+                      "vertices, faces = eigencast.mesh.weld(positions, faces), then use positions[vertices]", stacklevel=2)
+    return asset
 
 
 def load(folder, asset_id):
