@@ -130,6 +130,13 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   const auto good = store(baked->frames, project_clip(**clip, baked->asset, progress));
   if (!good) return in_context(input, good.error());
   baked->motion = std::move(*clip);
+  const auto time_us = [&](std::size_t frame) {
+    const auto even = static_cast<TimeUs>(std::llround(1e6 * static_cast<double>(frame) / baked->rate_hz));
+    return std::max(even, static_cast<TimeUs>(frame));  // absurd rates: no two at one time
+  };
+  for (std::size_t frame = 0; frame < baked->frames.size(); ++frame) baked->times_us.push_back(time_us(frame));
+  baked->period_us = time_us(baked->frames.size());
+  baked->is_cycle = ends_where_it_begins(baked->frames);
   return std::shared_ptr<const BakedClip>(std::move(baked));
 }
 
@@ -137,49 +144,57 @@ ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Cl
     : clip_(std::move(clip)),
       waits_(!clock),
       clock_(clock ? std::move(clock) : Clock(steady_now_us)),
-      began_us_(clock_()),
-      phase_s_(phase_s) {
+      last_capture_us_(clock_() - 1) {
+  if (!clip_->frames.empty()) {
+    const auto phase_us = static_cast<TimeUs>(std::llround(1e6 * phase_s));
+    timeline_ = std::make_unique<Timeline>(clip_->times_us, clip_->period_us, clock_() - phase_us);
+  }
   if (clip_->motion && !clip_->frames.empty())
     truth_ = std::make_unique<ClipTruth>(clip_->motion, clip_->frames, clip_->asset.source_vertex, clip_->asset.origin);
   stats_.state = Subscriber::State::kLive;
   if (!clip_->not_kept.empty()) stats_.detail = "the bake is not kept: " + clip_->not_kept;
   info_.emplace();
-  info_->stream = clip_->name;
+  if (clip_->info) info_ = clip_->info;
   info_->state = control::StreamInfo::State::kLive;
   info_->epoch = epoch;
   info_->asset = clip_->asset_id;
+  if (clip_->info) return;
+  info_->stream = clip_->name;
   info_->format = {clip_->asset.rank, 3, clip_->asset.band_ends, "float64"};
   info_->key_rate_hz = clip_->rate_hz;
   info_->profile.rate = Profile::Rate::kRaw;
 }
 
+ClipSource::Shown ClipSource::shown_at(TimeUs now_us) const {
+  const Timeline::Moment moment = timeline_->at(now_us);
+  if (timeline_->interpolates()) return {moment.lap, moment.position_us};
+  return {moment.lap, timeline_->times_us()[timeline_->frame_at(moment.position_us)]};
+}
+
 std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {
-  if (clip_->frames.empty()) return {};
-  const auto due_us = [&](std::int64_t number) {
-    return began_us_ + static_cast<TimeUs>(std::llround(1e6 * static_cast<double>(number) / clip_->rate_hz));
-  };
+  if (!timeline_) return {};
   TimeUs now = clock_();
-  if (waits_ && due_us(next_) > now) {
-    std::this_thread::sleep_for(
-        std::min<std::chrono::microseconds>(timeout, std::chrono::microseconds(due_us(next_) - now)));
+  if (waits_ && shown_ == shown_at(now)) {
+    const std::chrono::microseconds next(
+        timeline_->until_next_us(now).value_or(std::chrono::microseconds(timeout).count()));
+    std::this_thread::sleep_for(std::min<std::chrono::microseconds>(timeout, next));
     now = clock_();
   }
-  if (due_us(next_) > now) return {};
-  // A viewer that is slower than the clip skips poses.
-  const auto newest = static_cast<std::int64_t>(static_cast<double>(now - began_us_) * clip_->rate_hz / 1e6);
-  const std::int64_t number = std::max(next_, newest);
-  next_ = number + 1;
-  const auto first = static_cast<std::int64_t>(std::floor(phase_s_ * clip_->rate_hz));
-  const auto count = static_cast<std::int64_t>(clip_->frames.size());
+  const Shown shown = shown_at(now);
+  if (shown_ == shown) return {};
+  shown_ = shown;
+  const TimeUs late_us = timeline_->paused() ? 0 : timeline_->at(now).position_us - shown.position_us;
+  const TimeUs due_us = now - static_cast<TimeUs>(static_cast<double>(late_us) / timeline_->speed());
+  const bool is_frame = timeline_->times_us()[timeline_->frame_at(shown.position_us)] == shown.position_us;
   ReceivedPose pose;
-  pose.envelope.kind = FrameKind::kKey;
+  pose.envelope.kind = is_frame ? FrameKind::kKey : FrameKind::kStep;
   pose.envelope.bands = BandMask::lowest(clip_->asset.band_ends.size());
   pose.envelope.epoch = epoch();
-  pose.envelope.sequence = static_cast<std::uint64_t>(number);
-  pose.envelope.capture_us = due_us(number);
+  pose.envelope.sequence = stats_.keys++;
+  pose.envelope.capture_us = last_capture_us_ = std::max(due_us, last_capture_us_ + 1);
   pose.arrival_us = pose.decoded_us = now;
-  pose.coefficients = clip_->frames[static_cast<std::size_t>(((number + first) % count + count) % count)];
-  ++stats_.keys;
+  pose.coefficients = clip_->curve().at(shown.position_us, timeline_->looping());
+  pose.channels = static_cast<std::uint32_t>(pose.coefficients.size() / clip_->asset.rank);
   stats_.latency_us.add(now - pose.envelope.capture_us);
   return {pose};
 }

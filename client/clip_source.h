@@ -11,6 +11,8 @@
 #include <thread>
 #include <vector>
 
+#include "client/clip_motion.h"
+#include "common/motion/timeline.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
 #include "view/pose_source.h"
@@ -25,21 +27,27 @@ Result<std::unique_ptr<MotionClip>> open_input(const std::string& input);
 Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,
                                                       const BakeProgress& progress = {});
 
-/// A file or built-in shape, baked in this process: the asset and the uncompressed coefficients of every frame.
+/// A surface and all poses of its motion: of a file or built-in shape that was baked in this process, or of a stream.
 struct BakedClip {
   std::string name, asset_id;
   std::string not_kept;  ///< Why the bake is not cached; empty if it is.
   Asset asset;
   double rate_hz = 30;
-  std::shared_ptr<const MotionClip> motion;  ///< As read; pose() from one thread at a time.
-  std::vector<std::vector<double>> frames;   ///< Each r x 3, row-major.
+  std::shared_ptr<const MotionClip> motion;  ///< As read; pose() from one thread at a time. Null: of a stream.
+  std::vector<std::vector<double>> frames;   ///< Each r x c, row-major; c is 3, more of a stream with scalars.
+  std::vector<TimeUs> times_us;              ///< Of the frames, see ClipMotion.
+  TimeUs period_us = 0;
+  bool is_cycle = false;
+  std::optional<control::StreamInfo> info;  ///< As the stream's sender announced it.
+
+  ClipMotion curve() const { return {frames, times_us, period_us, is_cycle}; }
 
   /// Bakes, or takes from cache_dir. Errors: those of open_input, bake and project_clip.
   static Result<std::shared_ptr<const BakedClip>> open(const std::string& input, const std::string& cache_dir,
                                                        const BakeProgress& progress = {});
 };
 
-/// Plays a clip in a loop without a broker. Capture times are due times.
+/// Plays a clip without a broker, as its timeline() says. Capture times are due times.
 class ClipSource final : public PoseSource {
  public:
   using Clock = std::function<TimeUs()>;
@@ -54,15 +62,24 @@ class ClipSource final : public PoseSource {
   const std::optional<control::StreamInfo>& info() const override { return info_; }
   Subscriber::Stats stats() const override { return stats_; }
   Truth* truth() const override { return truth_.get(); }
+  Timeline* timeline() const override { return timeline_.get(); }
 
  private:
+  /// Tells what poll() has returned from what is new.
+  struct Shown {
+    std::int64_t lap = 0;
+    TimeUs position_us = 0;  ///< Of the frame, unless between frames.
+    bool operator==(const Shown&) const = default;
+  };
+  Shown shown_at(TimeUs now_us) const;
+
   std::shared_ptr<const BakedClip> clip_;
   std::unique_ptr<Truth> truth_;
   bool waits_;
   Clock clock_;
-  TimeUs began_us_;
-  double phase_s_;
-  std::int64_t next_ = 0;  ///< Number of the next pose.
+  std::unique_ptr<Timeline> timeline_;  ///< Null without frames.
+  std::optional<Shown> shown_;
+  TimeUs last_capture_us_;
   std::optional<control::StreamInfo> info_;
   Subscriber::Stats stats_;
 };
@@ -85,6 +102,7 @@ class OpeningClip final : public PoseSource {
   const std::optional<control::StreamInfo>& info() const override { return playing_ ? playing_->info() : info_; }
   Subscriber::Stats stats() const override;
   Truth* truth() const override { return playing_ ? playing_->truth() : nullptr; }
+  Timeline* timeline() const override { return playing_ ? playing_->timeline() : nullptr; }
 
  private:
   void bake(const std::string& input, const std::string& cache_dir);

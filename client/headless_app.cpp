@@ -5,23 +5,18 @@
 #include <utility>
 
 #include "client/apps.h"
-#include "client/clip_source.h"
+#include "client/patience.h"
 #include "client/scene_file.h"
 #include "client/session.h"
+#include "client/stream_capture.h"
 #include "common/core/clock.h"
 #include "common/core/files.h"
 #include "common/core/text.h"
-#include "common/net/http.h"
-#include "sdk/broker.h"
 #include "view/overlay.h"
 #include "view/renderer.h"
 
 namespace eigencast {
 namespace {
-
-constexpr std::chrono::seconds kProbeTimeout{3};
-constexpr int kMaxAsked = 3;
-constexpr TimeUs kTurnsAnyway = 100'000;  // the turntable waits so long for a new pose
 
 class Headless {
  public:
@@ -56,14 +51,14 @@ class Headless {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
       if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
       if (options_.frames > 0 && taken_ >= options_.frames) break;
-      if (options_.turntable > 0 && taken_ >= options_.turntable) break;
-      if (taken_ == 0 && is_over_before_it_began()) return report_no_stream();
+      if (taken_ == 0 && patience_.is_over(session_->sources(), session_->scene().poses_shown() > 0, steady_now_us()))
+        return report_no_stream();
       if (flight_is_over() || (gone = senders_are_gone())) break;
       session_->update(std::chrono::milliseconds(flying() ? 0 : 20), camera_);
-      if (taken_ == 0 && waits_for_all() && !all_is_here()) continue;
-      // A turntable of a still surface goes on, too.
-      const bool turns = options_.turntable > 0 && taken_ > 0 && steady_now_us() - taken_us_ >= kTurnsAnyway;
-      if (session_->scene().poses_shown() == shown_ && !flying() && !turns) continue;
+      const auto& all = session_->sources();
+      const auto whole = [](const PoseSource* source) { return has_whole_surface(*source); };
+      if (taken_ == 0 && waits_for_all() && !std::all_of(all.begin(), all.end(), whole)) continue;
+      if (session_->scene().poses_shown() == shown_ && !flying()) continue;
       shown_ = session_->scene().poses_shown();
       if (const Result<void> taken = take_picture(); !taken) return taken.error();
     }
@@ -78,49 +73,7 @@ class Headless {
 
  private:
   /// A number of pictures is meant of the whole surfaces.
-  bool waits_for_all() const { return !options_.first && (options_.frames > 0 || options_.turntable > 0); }
-  bool all_is_here() const {
-    return std::all_of(session_->sources().begin(), session_->sources().end(), [](const PoseSource* source) {
-      const Subscriber::Stats stats = source->stats();
-      return source->asset() != nullptr && source->asset()->complete() &&
-             stats.asset_bytes_downloaded + stats.asset_bytes_cached >= stats.asset_bytes_total;
-    });
-  }
-
-  /// A broker's final no, or nothing new for so long that nothing is expected.
-  bool is_over_before_it_began() {
-    const TimeUs now = steady_now_us();
-    std::uint64_t bytes = 0;
-    bool refused = session_->scene().poses_shown() == 0;
-    for (const PoseSource* source : session_->sources()) {
-      const Subscriber::Stats stats = source->stats();
-      bytes += stats.asset_bytes_downloaded;
-      refused = refused && stats.state == Subscriber::State::kRefused;
-    }
-    if (std::exchange(bytes_, bytes) != bytes || news_us_ == 0) news_us_ = now;
-    if (refused && asked_ < kMaxAsked && (++asked_, is_final_no())) return true;
-    return static_cast<double>(now - news_us_) / 1e6 >= options_.wait_s;
-  }
-
-  /// Whether every broker says no in a way that only people can change: token, right, certificate.
-  bool is_final_no() const {
-    const auto says_no = [this](std::size_t i) {
-      auto url = parse_broker_url(options_.scene.streams[i]);
-      if (!url || !complete_credentials(*url, options_.credentials[i])) return false;
-      const auto refuses = [](const BrokerUrl& there) {
-        const auto asked = probe(there, "/v1/subscribe/" + there.stream, kProbeTimeout);
-        return !asked && asked.error().code == ErrorCode::kRefused;
-      };
-      if (!refuses(*url)) return false;
-      const auto found = located(*url);
-      return !found || refuses(*found);
-    };
-    const std::size_t streams = std::min(options_.scene.streams.size(), options_.credentials.size());
-    for (std::size_t i = 0; i < streams; ++i) {
-      if (clip_in(options_.scene.streams[i]) || !says_no(i)) return false;
-    }
-    return streams > 0;
-  }
+  bool waits_for_all() const { return !options_.first && options_.frames > 0; }
 
   /// Pictures are missing, and for as long as it waits nothing is new and nobody sends.
   bool senders_are_gone() const {
@@ -154,8 +107,6 @@ class Headless {
 
   Result<void> take_picture() {
     if (path_) path_->apply(flown_s(), camera_);
-    if (options_.turntable > 0 && taken_ > 0) camera_.turn(6.2831853F / static_cast<float>(options_.turntable));
-    taken_us_ = steady_now_us();
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
     session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target);
@@ -211,10 +162,7 @@ class Headless {
   std::optional<CameraPath> path_;
   std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;
-  TimeUs taken_us_ = 0;
-  std::uint64_t bytes_ = 0;  ///< Of surfaces, so far.
-  TimeUs news_us_ = 0;       ///< When the last of them came.
-  int asked_ = 0;            ///< Whether a refusal is final: so often.
+  Patience patience_{options_};
 };
 
 }  // namespace

@@ -41,6 +41,7 @@ int run(int argc, char** argv) {
     if (!chosen && options.headless) return kExitNoStream;
   }
 
+  if (options.film) return run_film(options, stop_wanted, log);
   std::vector<std::unique_ptr<PoseSource>> sources;
   std::vector<PoseSource*> all;
   for (std::size_t i = 0; i < options.scene.streams.size(); ++i) {

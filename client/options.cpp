@@ -31,6 +31,7 @@ eigencast-client https://host/heart --token @FILE       # a broker that wants a 
 eigencast-client list http://host:7490                  # the streams of a broker
 eigencast-client view heart                             # a built-in shape: heart, bar, torus, sphere
 eigencast-client --headless --frames 90 --out pictures  # no display needed
+eigencast-client horse.obj --film horse.mp4             # every picture at its time; --turntable 12 goes round it
 eigencast-client completion bash                        # or zsh: a script for your shell
 )";
 constexpr const char* kExitStatus = R"(0 good
@@ -41,10 +42,10 @@ constexpr const char* kExitStatus = R"(0 good
 
 struct RawOptions {
   std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "auto", colour_map = "viridis",
-              colour_range, normals = "crease", rate, scheme, playout = "latest", context;
+              colour_range, normals = "crease", rate, scheme, playout = "latest", context, film;
   Credentials credentials;
   int k = 3, bands = 8;
-  double crease_deg = 40, delay_ms = 0, smooth = 1, ahead_ms = 200;
+  double crease_deg = 40, delay_ms = 0, smooth = 1, ahead_ms = 200, fps = 60, seconds = 0;
 };
 
 bool size_from_text(const std::string& text, int& width, int& height) {
@@ -223,7 +224,7 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
   const Colouring colouring = options.style.colour.colouring;
   const bool numbers = colouring == Colouring::kMovement || colouring == Colouring::kSpeed ||
                        colouring == Colouring::kChannel || colouring == Colouring::kError;
-  const bool endless = options.frames == 0 && options.turntable == 0;
+  const bool endless = options.frames == 0, film = options.film.has_value();
   constexpr const char* kOfBrokers = "is for streams of brokers; files are read here";
   const struct {
     std::vector<const char*> options;
@@ -236,6 +237,18 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--out"}, !options.headless, "is for --headless; in the window use --screenshot or key S"},
       {{"--hud", "--wait", "--first"}, !options.headless, "is for --headless"},
       {{"--first"}, endless, "goes with --frames"},
+      {{"--fps", "--seconds"}, !film, "goes with --film"},
+      {{"--frames", "--duration"}, film, "is for live pictures; --seconds says how long a film is"},
+      {{"--out", "--screenshot"}, film, "is for live pictures; --film says where its own go"},
+      {{"--resolver", "--target-fps", "--playout"}, film, "is for live pictures; a film takes the time that it takes"},
+      {{"--record", "--record-shown"}, film, "is for live pictures"},
+      {{"--truth"}, film, "is for live pictures; a file that is filmed is its own"},
+      {{"--wait"}, film && files_only, kOfBrokers},
+      {{"--transparent"},
+       film && options.film->target.kind != FilmTarget::Kind::kPictures,
+       "is for pictures: --film frame_%04d.png"},
+      {{"--turntable"}, options.headless && !film, "is for the window and --film"},
+      {{"--turntable"}, !options.camera_path.empty(), "is overridden by --camera-path"},
       {{"--ui-scale"}, options.headless && !options.hud, "sizes texts, of which --headless has none without --hud"},
       {{"--target-fps", "--lod-floor"},
        options.headless && options.levels.kind == ResolverKind::kNone,
@@ -252,7 +265,9 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--ahead"}, raw.playout == "interpolate", "is for --playout estimate"},
       {{"--crease"}, raw.normals != "crease", "is for --normals crease"},
       {{"--view"}, !options.camera_path.empty(), "is overridden by --camera-path"},
-      {{"--scene", "--headless", "--frames", "--out", "--lod", "--colour"}, options.list, "does nothing for list"}};
+      {{"--scene", "--headless", "--film", "--frames", "--out", "--lod", "--colour"},
+       options.list,
+       "does nothing for list"}};
   for (const auto& use : uses) {
     for (const char* option : use.options) {
       if (use.useless && line.has(option))
@@ -376,13 +391,23 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
       {"Without a window",
        {{"--headless", &options.headless, "no window: render into memory, no display needed"},
         {"--out", &options.out, "headless: folder for frame_0001.png ... and report.json"},
-        {"--turntable", &options.turntable, "headless: so many pictures, once round the scene, then end"},
-        {"--hud", &options.hud, "headless: draw the figures and the colours' legend into the pictures too"},
+        {"--hud", &options.hud,
+         "headless: draw the figures and the colours' legend into the pictures too (of a film the legend)"},
         {"--wait", &options.wait_s,
          "seconds after which it gives up: of no news before the first picture, of no sender before --frames",
          Range{0, 1e7}, true},
         {"--first", &options.first,
          "count pictures before the whole surface has come (default: --frames waits for it)"}}},
+      {"Films",
+       {{"--film", &raw.film,
+         "write a film and end: .mp4 or .webm (by ffmpeg), or pictures such as frame_%04d.png; each picture shows its "
+         "time however long it takes to draw. Streams are kept first. Needs no display"},
+        {"--fps", &raw.fps, "pictures a second of the film", Range{0.01, 1000}, true},
+        {"--seconds", &raw.seconds,
+         "length of the film (default: of --camera-path, one turn of --turntable, else one round of the longest file)",
+         Range{0.001, 1e6}},
+        {"--turntable", &options.turntable_s, "the camera goes once round the scene in so many seconds (key Y)",
+         Range{0.1, 1e6}}}},
       {"End and results",
        {{"--frames", &options.frames, "end after so many new poses were drawn (0: never)"},
         {"--duration", &options.duration_s, "end after so many seconds (0: never)", Range{0, 1e7}},
@@ -399,6 +424,12 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (!size_from_text(raw.size, options.width, options.height))
     return wrong("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   if (const std::string complaint = read_style(raw, options.style); !complaint.empty()) return wrong(complaint);
+  if (line.has("--film")) {
+    const auto target = FilmTarget::from_path(raw.film);
+    if (!target) return in_context("--film", target.error());
+    options.film = FilmOptions{*target, raw.fps, raw.seconds};
+    options.headless = true;
+  }
   options.size_given = line.has("--size");
   options.resolver_given = line.has("--resolver");
   for (const char* of_style :
@@ -419,6 +450,12 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && !line.has("--target-fps");
   if (const Result<void> used = check_uses(line, raw, options); !used) return used;
+  const auto& streams = options.scene.streams;
+  const bool has_length = line.has("--seconds") || line.has("--turntable") || !options.camera_path.empty();
+  const auto is_file = [](const std::string& stream) { return clip_in(stream).has_value(); };
+  const bool files_only = !streams.empty() && std::all_of(streams.begin(), streams.end(), is_file);
+  if (options.film && !has_length && !files_only)
+    return wrong("--film of a stream: say how long it is with --seconds, --turntable or --camera-path");
   const bool has_delay = line.has("--smooth") || line.has("--delay") || line.has("--ahead");
   options.playout_given = has_delay || line.has("--playout");
   if (line.has("--smooth") && line.has("--delay"))

@@ -6,6 +6,7 @@
 #include <variant>
 #include <vector>
 
+#include "client/film_plan.h"
 #include "client/level_control.h"
 #include "client/scene_file.h"
 #include "common/command_line/command_line.h"
@@ -43,8 +44,9 @@ struct ClientOptions {
   std::string settings;  ///< File; empty: the window remembers nothing.
   // The command line overrides what the window remembers.
   bool style_given = false, size_given = false, resolver_given = false, playout_given = false;
-  double ui_scale = 0;          ///< For texts and panels; 0: the display's.
-  std::uint64_t turntable = 0;  ///< Headless: pictures around the scene; 0: none.
+  double ui_scale = 0;              ///< For texts and panels; 0: the display's.
+  double turntable_s = 0;           ///< Time of a turn of the camera around the scene; 0: it does not turn.
+  std::optional<FilmOptions> film;  ///< Headless.
   std::string cache_dir;
   double memory_mb = 0;  ///< For what brokers send; 0: three quarters of what is free.
   bool verbose = false;

@@ -98,10 +98,10 @@ bool Session::poll(std::chrono::milliseconds timeout) {
   return received;
 }
 
-bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
+bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::optional<TimeUs> film_us) {
   const bool received = poll(timeout);
-  const TimeUs now = steady_now_us();
-  work_.start(now);
+  work_.start(steady_now_us());
+  const TimeUs now = film_us.value_or(steady_now_us());
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
   const bool changed = scene_.advance(sources(), now);
   frame_scene(camera);

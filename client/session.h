@@ -44,8 +44,9 @@ class Session final {
   static Result<std::unique_ptr<Session>> create(const ClientOptions& options, std::span<PoseSource* const> sources,
                                                  LogSink log);
 
-  /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if any has changed.
-  bool update(std::chrono::milliseconds timeout, Camera& camera);
+  /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if any has changed. film_us: the moment to
+  /// show, instead of the present one.
+  bool update(std::chrono::milliseconds timeout, Camera& camera, std::optional<TimeUs> film_us = {});
   /// Uploads and draws the scene. Overlays follow before finish_picture().
   void draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px, unsigned target);
   /// Ends the measurement of the picture's work. Waits for the GPU if `wait` or if a resolver needs the measurement.

@@ -86,6 +86,7 @@ class Viewer final : public WindowListener {
     state_.style.colour_range = options_.style.colour_range;
     state_.hud = settings_.hud;
     state_.panel = settings_.panel;
+    state_.turntable = options_.turntable_s > 0;
     camera_.set_view(options_.view);
     window_.listen(*this);
     overlay_ =
@@ -241,7 +242,8 @@ class Viewer final : public WindowListener {
       return true;
     }
     if (!state_.turntable || session_->scene().instances().empty()) return false;
-    camera_.turn(static_cast<float>(since * 6.283185307 / kTurnSeconds));
+    const double turn_s = options_.turntable_s > 0 ? options_.turntable_s : kTurnSeconds;
+    camera_.turn(static_cast<float>(since * 6.283185307 / turn_s));
     return true;
   }
 
@@ -338,7 +340,7 @@ class Viewer final : public WindowListener {
   const ClientOptions options_;
   const OpenSource open_;
   const LogSink log_;
-  GlfwWindow window_{"--headless --frames 90 --out DIR writes pictures instead"};
+  GlfwWindow window_{"--film film.mp4, or --headless --frames 90 --out DIR, need none"};
   // Renderer, rebuilder and overlay need the window's context for destruction.
   std::unique_ptr<Renderer> renderer_;
   RebuilderChoice rebuilder_;

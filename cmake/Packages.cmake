@@ -45,6 +45,7 @@ set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)
 # libepoxy loads these by name, where no linker sees it; certificates are checked against the system's authorities.
 set(CPACK_DEBIAN_TOOLS_PACKAGE_DEPENDS "ca-certificates, libegl1, libgl1")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "fonts-dejavu-core, libgl1-mesa-dri")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SUGGESTS "ffmpeg")
 set(CPACK_COMPONENT_TOOLS_DESCRIPTION "sender, native viewer and latency meter for deforming 3D surfaces
 The sender bakes meshes and point clouds into streamable assets and publishes
 their motion; the viewer rebuilds the surface at a level of detail that holds

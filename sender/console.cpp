@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cmath>
 #include <cstdio>
 #include <functional>
 
@@ -48,39 +47,9 @@ bool Interrupt::wait_until(TimeUs deadline_us) {
   return requested_;
 }
 
-std::string ProgressLine::text(double fraction, std::string_view stage, TimeUs elapsed_us) {
-  const double done = std::clamp(fraction, 0.0, 1.0);
-  std::string bar(30, '.');
-  std::fill_n(bar.begin(), static_cast<int>(done * 30), '#');
-  std::string line = formatted("%-24s [%s] %3.0f %%", std::string(stage).c_str(), bar.c_str(), done * 100);
-  if (done > 0.02 && done < 1 && elapsed_us > 1'000'000)
-    line += formatted("  %.0f s left", std::ceil(static_cast<double>(elapsed_us) * 1e-6 * (1 - done) / done));
-  return line;
-}
-
-bool ProgressLine::operator()(double fraction, std::string_view stage) {
-  const bool go_on = !interrupt_.requested();
-  if (!shown_) return go_on;
-  const TimeUs now_us = steady_now_us();
-  if (start_us_ < 0) start_us_ = now_us;
-  const bool new_stage = stage != stage_;
-  stage_ = stage;
-  if (!new_stage && now_us - shown_us_ < 100'000 && fraction < 1) return go_on;
-  shown_us_ = now_us;
-  std::fprintf(stderr, "\r\033[K%s", text(fraction, stage, now_us - start_us_).c_str());
-  open_ = true;
-  std::fflush(stderr);
-  return go_on;
-}
-
-void ProgressLine::finish() {
-  if (open_) std::fputs("\r\033[K", stderr);
-  open_ = false;
-}
-
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened) {
-  ProgressLine line(console.progress, interrupt);
+  ProgressLine line(console.progress, stops_at(interrupt));
   auto source = bake_source(options, std::ref(line), std::move(opened));
   line.finish();
   if (!source) return source;

@@ -2,8 +2,8 @@
 #pragma once
 
 #include <string>
-#include <string_view>
 
+#include "common/command_line/progress.h"
 #include "common/core/clock.h"
 #include "common/core/result.h"
 
@@ -33,27 +33,10 @@ class Interrupt {
   bool requested_ = false;
 };
 
-/// "solving eigenpairs  [#####.....]  43 %  12 s left", rewritten in place on a terminal; elsewhere nothing.
-class ProgressLine {
- public:
-  ProgressLine(bool shown, Interrupt& interrupt) : shown_(shown), interrupt_(interrupt) {}
-  ~ProgressLine() { finish(); }
-
-  /// False: interrupted.
-  bool operator()(double fraction, std::string_view stage);
-  void finish();
-
-  /// Time left is stated from 2 % and 1 s on.
-  static std::string text(double fraction, std::string_view stage, TimeUs elapsed_us);
-
- private:
-  bool shown_;
-  Interrupt& interrupt_;
-  bool open_ = false;
-  TimeUs start_us_ = -1;
-  TimeUs shown_us_ = 0;
-  std::string stage_;
-};
+/// For a ProgressLine.
+inline auto stops_at(Interrupt& interrupt) {
+  return [&interrupt] { return interrupt.requested(); };
+}
 
 /// Logs the error and gives its exit status; an interrupted run says only that.
 int report_failure(const Error& error);

@@ -57,7 +57,7 @@ Result<Surface> make_cage(const DeformCommand& command, const Surface& model) {
 
 Result<std::unique_ptr<Deformer>> in_cage(const DeformCommand& command, const Surface& model, Surface cage,
                                           const Console& console, Interrupt& interrupt) {
-  ProgressLine line(console.progress, interrupt);
+  ProgressLine line(console.progress, stops_at(interrupt));
   return bind_cage(command.source.cage, model, std::move(cage),
                    [&](double fraction) { return line(fraction, "binding the model to its cage"); });
 }

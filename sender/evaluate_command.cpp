@@ -205,7 +205,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
   if (!source) return source.error();
   const Asset& asset = source->baked.asset;
   for (const double eps : errors_of(command, asset)) {
-    ProgressLine line(console.progress, interrupt);
+    ProgressLine line(console.progress, stops_at(interrupt));
     EvaluateOptions how{codec, eps, command.levels, options.any_order};
     if (command.again) how.again = command.again_options;
     if (command.loop_s > 0) how.loop = {command.loop_s, command.rate_hz};

@@ -31,7 +31,7 @@ int run(const ExportCommand& command, const Console& console, Interrupt& interru
   const auto clip = open_source(command.source);
   if (!clip) return report_failure(clip.error());
   for (const std::string& note : (*clip)->notes()) spdlog::info("{}", note);
-  ProgressLine line(console.progress, interrupt);
+  ProgressLine line(console.progress, stops_at(interrupt));
   const auto written =
       write_clip(**clip, command.to, [&](double fraction) { return line(fraction, "writing " + command.to); });
   line.finish();

@@ -110,7 +110,7 @@ class Player {
     return command_.duration_s - static_cast<double>(now_us - try_us_) * 1e-6;
   }
   Result<ClipCoefficients> read_clip(const Projector& projector, Interrupt& interrupt) {
-    ProgressLine line(console_.progress, interrupt);
+    ProgressLine line(console_.progress, stops_at(interrupt));
     auto coefficients = ClipCoefficients::create(*source_.clip, projector, std::ref(line), command_.velocities);
     line.finish();
     if (!coefficients) return coefficients;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "common/motion/timeline.h"
 #include "sdk/subscriber.h"
 
 namespace eigencast {
@@ -37,6 +38,9 @@ class PoseSource {
   virtual Subscriber::Stats stats() const = 0;
   /// The exact surface, if it is known here; else null. Owned by the source.
   virtual Truth* truth() const { return nullptr; }
+  /// Of a clip, which is played as this says, and whose poses come exactly when they are to be shown: nothing is held
+  /// back or estimated. Null: of a stream. Owned by the source, valid until the next poll().
+  virtual Timeline* timeline() const { return nullptr; }
 };
 
 /// Errors: as Subscriber::create.

@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <glm/common.hpp>
+#include <utility>
 
 #include "view/creases.h"
 
@@ -51,12 +52,18 @@ void BandFade::apply(BandMask bands, TimeUs now_us, std::span<const std::uint32_
 }
 
 SurfaceView::SurfaceView(const SceneOptions& options)
-    : playout_(options.playout), lod_(options.lod), morphs_(options.morph) {
+    : playout_(options.playout), wanted_playout_(options.playout), lod_(options.lod), morphs_(options.morph) {
   static std::atomic<std::uint64_t> made{0};
   geometry_.maker = ++made;
 }
 
+void SurfaceView::set_playout(const PlayoutSettings& settings) {
+  wanted_playout_ = settings;
+  playout_.set(is_exact_ ? PlayoutSettings{} : settings);
+}
+
 void SurfaceView::receive(const PoseSource& source, const std::vector<ReceivedPose>& poses) {
+  if (std::exchange(is_exact_, source.timeline() != nullptr) != is_exact_) set_playout(wanted_playout_);
   follow_epoch(source);
   const Asset* asset = source.asset();
   for (const ReceivedPose& pose : poses) {

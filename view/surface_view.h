@@ -126,7 +126,8 @@ class SurfaceView {
   const SurfaceFacts& facts() const { return facts_; }
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
-  void set_playout(const PlayoutSettings& settings) { playout_.set(settings); }
+  /// A source with a timeline() needs none: its poses are shown as they come.
+  void set_playout(const PlayoutSettings& settings);
   const Playout& playout() const { return playout_; }
   /// kHeld before the first pose.
   Shown shown() const { return shown_; }
@@ -154,6 +155,8 @@ class SurfaceView {
   void update_facts(const Asset& asset);
 
   Playout playout_;
+  PlayoutSettings wanted_playout_;
+  bool is_exact_ = false;  ///< The source has a timeline.
   LevelOfDetail lod_;
   SurfaceGeometry geometry_;
   SurfaceFacts facts_;

@@ -24,7 +24,7 @@ TEST(ClipSources, PlayInALoopFromTheirPhase) {
   TimeUs now = 5'000'000;
   const auto clip = baked_heart();
   const double count = static_cast<double>(clip->frames.size());
-  ClipSource source(clip, 3 / clip->rate_hz + 1e-6, [&] { return now; });
+  ClipSource source(clip, 3 / clip->rate_hz, [&] { return now; });
   auto poses = source.poll({});
   ASSERT_EQ(poses.size(), 1u);
   EXPECT_EQ(poses[0].envelope.capture_us, 5'000'000);
@@ -37,6 +37,35 @@ TEST(ClipSources, PlayInALoopFromTheirPhase) {
   ASSERT_EQ(poses.size(), 1u) << "what was missed is over";
   EXPECT_EQ(poses[0].coefficients, clip->frames[1]) << "the clip begins again";
   EXPECT_EQ(source.stats().keys, 3u);
+}
+
+TEST(ClipSources, GiveThePoseOfAnyMoment) {
+  TimeUs now = 0;
+  const auto clip = baked_heart();
+  ClipSource source(clip, 0, [&] { return now; });
+  Timeline* timeline = source.timeline();
+  ASSERT_NE(timeline, nullptr);
+  SceneOptions options;
+  options.playout.mode = PlayoutMode::kEstimate;
+  SurfaceView view(options);
+  const auto shows = [&](const std::vector<double>& C) {
+    view.receive(source, source.poll({}));
+    testing::advance(view, source, now);
+    ASSERT_EQ(view.coefficients().size(), C.size());
+    for (std::size_t i = 0; i < C.size(); ++i) EXPECT_NEAR(view.coefficients()[i], C[i], 1e-12);
+  };
+  shows(clip->frames[0]);
+  timeline->set_interpolates(true);
+  now += clip->times_us[1] / 2;
+  shows(clip->curve().at(now, true));
+  now += 1'000'000;
+  timeline->seek(clip->times_us[5], now);
+  shows(clip->frames[5]);
+  timeline->step(-1, now);
+  shows(clip->frames[4]);
+  now += 1'000'000;
+  EXPECT_TRUE(source.poll({}).empty()) << "a pause";
+  EXPECT_EQ(view.shown(), Shown::kLive);
 }
 
 TEST(ClipSources, PlayedSurfaceIsShown) {

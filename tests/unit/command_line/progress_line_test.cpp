@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/console.h"
+#include "common/command_line/progress.h"
 
 #include <gtest/gtest.h>
 
