@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "client/apps.h"
+#include "client/clip_player.h"
 #include "client/clip_source.h"
 #include "client/scene_file.h"
 #include "client/session.h"
@@ -101,6 +102,7 @@ class Viewer final : public WindowListener {
   /// One turn: input, poses, a picture if either changed it, then files that the user wants.
   void turn() {
     window_.poll_events(redraw_ == 0 && session_->sources().empty() && !state_.turntable ? kEmptyWaitS : 0);
+    play_clips(session_->sources(), state_, steady_now_us());
     session_->scene().set_paused(state_.paused);
     const bool poses = session_->update(redraw_ > 0 ? std::chrono::milliseconds(0) : kIdleWait, camera_);
     const TimeUs now = steady_now_us();
@@ -273,7 +275,7 @@ class Viewer final : public WindowListener {
     if (!state_.style.legend) content.legend.reset();
     if (steady_now_us() < notice_until_us_) content.banner = notice_;
     if (state_.panel) content.left_px = panel_width(overlay_->scale());
-    content.paused = state_.paused;
+    content.paused = state_.paused && !has_bar();
     if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
     return content;
   }
@@ -299,7 +301,10 @@ class Viewer final : public WindowListener {
     if (apart) Renderer::finish();  // so that the display's wait ends here
   }
 
+  bool has_bar() const { return state_.hud && leading_timeline(session_->sources()) != nullptr; }
+
   void draw_panels() {
+    if (has_bar()) draw_timeline(*leading_timeline(session_->sources()), state_, steady_now_us(), overlay_->scale());
     if (session_->scene().instances().empty()) {
       requests_ = draw_welcome(settings_.recent, to_open_, overlay_->scale());
     } else if (state_.panel) {
@@ -340,7 +345,7 @@ class Viewer final : public WindowListener {
   const ClientOptions options_;
   const OpenSource open_;
   const LogSink log_;
-  GlfwWindow window_{"--film film.mp4, or --headless --frames 90 --out DIR, need none"};
+  GlfwWindow window_{"or write --film film.mp4, or pictures with --headless --frames 90 --out DIR"};
   // Renderer, rebuilder and overlay need the window's context for destruction.
   std::unique_ptr<Renderer> renderer_;
   RebuilderChoice rebuilder_;

@@ -18,14 +18,6 @@ std::string on_off(bool on) {
   return on ? "on" : "off";
 }
 
-constexpr double kSmoothnessStep = 0.125;
-
-void change_smoothness(PlayoutSettings& playout, double by) {
-  if (playout.mode == PlayoutMode::kLatest) return;
-  playout.smoothness = std::clamp(Playout(playout).smoothness() + by, 0.0, 1.0);
-  playout.delay_us = 0;
-}
-
 constexpr std::array<const char*, 3> kPlayoutTexts{"as they come", "interpolated here", "estimated here"};
 
 void toggle(bool& value) {
@@ -39,7 +31,7 @@ void change_playout(PlayoutSettings& playout) {
 }
 
 constexpr Modifiers kShift{true, false}, kControl{false, true};
-constexpr std::array<KeyCommand, 28> kCommands{
+constexpr std::array<KeyCommand, 32> kCommands{
     {{"R Home", [](const KeyTarget& on) { on.camera.home(); }},
      {"H F1", [](const KeyTarget& on) { toggle(on.state.help); }},
      {"X", [](const KeyTarget& on) { toggle(on.state.style.axes); }},
@@ -53,11 +45,15 @@ constexpr std::array<KeyCommand, 28> kCommands{
      {"B", [](const KeyTarget& on) { toggle(on.state.style.legend); }},
      {"F", [](const KeyTarget& on) { toggle(on.state.hud); }},
      {"S F12", [](const KeyTarget& on) { on.state.screenshot_wanted = true; }},
-     {"+ = .", [](const KeyTarget& on) { on.lod.finer(); }, {}, true},
-     {"- ,", [](const KeyTarget& on) { on.lod.coarser(); }, {}, true},
+     {"+ =", [](const KeyTarget& on) { on.lod.finer(); }, {}, true},
+     {"-", [](const KeyTarget& on) { on.lod.coarser(); }, {}, true},
+     {".", [](const KeyTarget& on) { ++on.state.steps; }, {}, true},
+     {",", [](const KeyTarget& on) { --on.state.steps; }, {}, true},
      {"M", [](const KeyTarget& on) { change_playout(on.state.playout); }},
-     {"]", [](const KeyTarget& on) { change_smoothness(on.state.playout, kSmoothnessStep); }, {}, true},
-     {"[", [](const KeyTarget& on) { change_smoothness(on.state.playout, -kSmoothnessStep); }, {}, true},
+     {"]", [](const KeyTarget& on) { on.state.speed = next_speed(on.state.speed, true); }},
+     {"[", [](const KeyTarget& on) { on.state.speed = next_speed(on.state.speed, false); }},
+     {"L", [](const KeyTarget& on) { toggle(on.state.looping); }},
+     {"End", [](const KeyTarget& on) { on.state.live_wanted = true; }},
      {"Space", [](const KeyTarget& on) { toggle(on.state.paused); }},
      {"U", [](const KeyTarget& on) { on.camera.set_up(next_of(on.camera.up(), 3)); }},
      {"A", [](const KeyTarget& on) { on.state.resolver_wanted = true; }},
@@ -115,37 +111,37 @@ const KeyCommand* command_for_key(std::string_view key, const Modifiers& modifie
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver) {
   const std::string up(1, static_cast<char>('X' + static_cast<int>(camera.up())));
-  return {
-      {"left drag", "rotate", ""},
-      {"right or middle drag, Shift+left", "pan", ""},
-      {"wheel", "zoom to the cursor", ""},
-      {"double click", "turn round the point that was hit", ""},
-      {"R  Home", "reset the camera", ""},
-      {"+ -  . ,", "level of detail, at most", formatted("%.3g %%", 100 * lod.fraction())},
-      {"A", "what lowers it to hold the rate", std::string(kResolverNames[resolver])},
-      {"Space", "pause", on_off(state.paused)},
-      {"M", "motion between arrivals", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
-      {"[ ]", "live to smooth",
-       state.playout.mode == PlayoutMode::kLatest ? std::string()
-                                                  : formatted("%.3g %%", 100 * Playout(state.playout).smoothness())},
-      {"V", "what colours say", title_of(state.style.colour)},
-      {"C", "colour map", std::string(kColourMapNames[state.style.colour_map])},
-      {"B", "its legend", on_off(state.style.legend)},
-      {"N", "normals", std::string(kNormalsNames[state.style.normals])},
-      {"E", "edges", on_off(state.style.edges)},
-      {"W", "wireframe", on_off(state.style.wireframe)},
-      {"P", "points", on_off(state.style.points)},
-      {"G", "ground grid", on_off(state.style.grid)},
-      {"X", "axes", on_off(state.style.axes)},
-      {"U", "up axis", up},
-      {"Tab", "panel: surfaces, style, motion, plots", on_off(state.panel)},
-      {"F", "figures", on_off(state.hud)},
-      {"S  F12", "screenshot; with Shift without background", ""},
-      {"Y", "turntable", on_off(state.turntable)},
-      {"K", "write every picture", on_off(state.recording)},
-      {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
-      {"H  F1", "this help", on_off(state.help)},
-      {"Q  Esc", "quit", ""}};
+  return {{"left drag", "rotate", ""},
+          {"right or middle drag, Shift+left", "pan", ""},
+          {"wheel", "zoom to the cursor", ""},
+          {"double click", "turn round the point that was hit", ""},
+          {"R  Home", "reset the camera", ""},
+          {"+ -", "level of detail, at most", formatted("%.3g %%", 100 * lod.fraction())},
+          {"A", "what lowers it to hold the rate", std::string(kResolverNames[resolver])},
+          {"Space", "pause", on_off(state.paused)},
+          {",  .", "of a file: one pose back, on", ""},
+          {"[  ]", "slower, faster", formatted("x%.3g", state.speed)},
+          {"L", "loop", on_off(state.looping)},
+          {"End", "to the last pose; of a stream the live one", ""},
+          {"M", "motion between poses", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
+          {"V", "what colours say", title_of(state.style.colour)},
+          {"C", "colour map", std::string(kColourMapNames[state.style.colour_map])},
+          {"B", "its legend", on_off(state.style.legend)},
+          {"N", "normals", std::string(kNormalsNames[state.style.normals])},
+          {"E", "edges", on_off(state.style.edges)},
+          {"W", "wireframe", on_off(state.style.wireframe)},
+          {"P", "points", on_off(state.style.points)},
+          {"G", "ground grid", on_off(state.style.grid)},
+          {"X", "axes", on_off(state.style.axes)},
+          {"U", "up axis", up},
+          {"Tab", "panel: surfaces, style, motion, plots", on_off(state.panel)},
+          {"F", "figures", on_off(state.hud)},
+          {"S  F12", "screenshot; with Shift without background", ""},
+          {"Y", "turntable", on_off(state.turntable)},
+          {"K", "write every picture", on_off(state.recording)},
+          {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
+          {"H  F1", "this help", on_off(state.help)},
+          {"Q  Esc", "quit", ""}};
 }
 
 std::string next_free_name(const std::string& prefix, const std::string& ending) {

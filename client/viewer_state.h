@@ -9,6 +9,7 @@
 
 #include "client/level_control.h"
 #include "common/motion/playout.h"
+#include "common/motion/timeline.h"
 #include "view/camera.h"
 #include "view/glfw_window.h"
 #include "view/overlay.h"
@@ -23,7 +24,13 @@ struct ViewerState {
   Style style;
   bool paused = false, quit = false;
   PlayoutSettings playout;
-  int colourings_on = 0;  ///< Steps in wishes_for().
+  // Of clips, see play_clips().
+  double speed = 1;
+  bool looping = true;
+  int steps = 0;                  ///< Frames on, or back.
+  std::optional<TimeUs> seek_us;  ///< Where to go on.
+  bool live_wanted = false;       ///< Streams go on, clips to their last pose.
+  int colourings_on = 0;          ///< Steps in wishes_for().
   bool resolver_wanted = false;
   bool screenshot_wanted = false;
   bool clean_screenshot_wanted = false;            ///< The scene alone, without background.

@@ -22,15 +22,16 @@ std::string name_of_key(int key) {
       key == GLFW_KEY_MINUS || key == GLFW_KEY_EQUAL) {
     return std::string(1, static_cast<char>(key));
   }
-  constexpr std::array<std::pair<int, const char*>, 9> kNames{{{GLFW_KEY_KP_ADD, "+"},
-                                                               {GLFW_KEY_KP_SUBTRACT, "-"},
-                                                               {GLFW_KEY_HOME, "Home"},
-                                                               {GLFW_KEY_TAB, "Tab"},
-                                                               {GLFW_KEY_DELETE, "Delete"},
-                                                               {GLFW_KEY_BACKSPACE, "Delete"},
-                                                               {GLFW_KEY_F1, "F1"},
-                                                               {GLFW_KEY_F12, "F12"},
-                                                               {GLFW_KEY_ESCAPE, "Escape"}}};
+  constexpr std::array<std::pair<int, const char*>, 10> kNames{{{GLFW_KEY_KP_ADD, "+"},
+                                                                {GLFW_KEY_KP_SUBTRACT, "-"},
+                                                                {GLFW_KEY_HOME, "Home"},
+                                                                {GLFW_KEY_END, "End"},
+                                                                {GLFW_KEY_TAB, "Tab"},
+                                                                {GLFW_KEY_DELETE, "Delete"},
+                                                                {GLFW_KEY_BACKSPACE, "Delete"},
+                                                                {GLFW_KEY_F1, "F1"},
+                                                                {GLFW_KEY_F12, "F12"},
+                                                                {GLFW_KEY_ESCAPE, "Escape"}}};
   const auto named = std::find_if(kNames.begin(), kNames.end(), [&](const auto& name) { return name.first == key; });
   return named == kNames.end() ? std::string() : named->second;
 }

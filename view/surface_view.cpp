@@ -130,7 +130,7 @@ void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
 }
 
 bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {
-  if (paused_ && has_pose_) return false;
+  if (paused_ && has_pose_ && !is_exact_) return false;
   const std::uint32_t rank = source.asset()->rank;
   const auto& info = source.info();
   std::span<const std::uint32_t> band_ends;

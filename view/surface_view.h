@@ -135,7 +135,7 @@ class SurfaceView {
   const std::array<std::uint64_t, 4>& times_shown() const { return times_shown_; }
   /// They rebuild geometry(), r x c row-major, corrections and fades included.
   std::span<const double> coefficients() const { return coefficients_; }
-  /// A pause keeps the pose; level and asset may change.
+  /// A pause keeps the pose, unless the source has a timeline(); level and asset may change.
   void set_paused(bool paused) { paused_ = paused; }
 
   /// Does not count the rest pose.

@@ -200,6 +200,33 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
   return requests;
 }
 
+void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, float scale) {
+  const ImVec2 screen = ImGui::GetIO().DisplaySize;
+  const float gap = 12 * scale, width = std::min(520 * scale, 0.45F * screen.x);
+  ImGui::SetNextWindowPos({0.5F * screen.x, screen.y - gap}, ImGuiCond_Always, {0.5F, 1});
+  ImGui::SetNextWindowSize({width, 0}, ImGuiCond_Always);
+  ImGui::SetNextWindowBgAlpha(0.62F);
+  ImGui::Begin("timeline", nullptr,
+               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove | ImGuiWindowFlags_NoSavedSettings |
+                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
+  if (ImGui::Button(state.paused ? "play" : "pause", {48 * scale, 0})) state.paused = !state.paused;
+  ImGui::SameLine();
+  const std::string rate = state.speed == 1 ? std::string() : formatted("x%.3g", state.speed);
+  const float after =
+      ImGui::CalcTextSize("x0.5").x + ImGui::CalcTextSize("loop").x + ImGui::GetFrameHeight() + 5 * gap / 2;
+  ImGui::SetNextItemWidth(std::max(4 * gap, ImGui::GetContentRegionAvail().x - after));
+  const auto end_s = static_cast<float>(static_cast<double>(timeline.end_us()) / 1e6);
+  auto at_s = static_cast<float>(static_cast<double>(timeline.at(now_us).position_us) / 1e6);
+  const std::string text = "%.2f of " + formatted("%.2f s", static_cast<double>(end_s));
+  if (ImGui::SliderFloat("##position", &at_s, 0, end_s, text.c_str(), ImGuiSliderFlags_AlwaysClamp))
+    state.seek_us = static_cast<TimeUs>(static_cast<double>(at_s) * 1e6);
+  ImGui::SameLine();
+  ImGui::Checkbox("loop", &state.looping);
+  ImGui::SameLine();
+  ImGui::TextUnformatted(rate.c_str());
+  ImGui::End();
+}
+
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale) {
   UiRequests requests;
   const ImVec2 screen = ImGui::GetIO().DisplaySize;

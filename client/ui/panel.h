@@ -27,6 +27,10 @@ inline float panel_width(float scale) {
 /// Not thread-safe.
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
 
+/// A bar at the bottom that shows where a clip is, and seeks where it is dragged. Changes the state in place.
+/// REQUIRES: as draw_panel.
+void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, float scale);
+
 /// For an empty viewer. REQUIRES: as draw_panel.
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
 

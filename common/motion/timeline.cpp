@@ -77,13 +77,16 @@ void Timeline::set_paused(bool paused, TimeUs now_us) {
 }
 
 void Timeline::set_looping(bool looping, TimeUs now_us) {
+  if (looping == looping_) return;
   go_on_from(std::min(at(now_us).position_us, looping ? period_us_ : end_us()), now_us);
   looping_ = looping;
 }
 
 void Timeline::set_speed(double speed, TimeUs now_us) {
+  const double wanted = std::clamp(speed, kMinSpeed, kMaxSpeed);
+  if (wanted == speed_) return;
   go_on_from(at(now_us).position_us, now_us);
-  speed_ = std::clamp(speed, kMinSpeed, kMaxSpeed);
+  speed_ = wanted;
 }
 
 double next_speed(double speed, bool faster) {

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <functional>
 
+#include "client/clip_player.h"
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
 #include "client/connections.h"
@@ -100,19 +101,24 @@ TEST(ViewerState, KeysToggleTheirSwitches) {
   EXPECT_TRUE(state.paused);
   press("+");
   EXPECT_DOUBLE_EQ(lod.fraction(), 0.625);
-  press(",");
+  press("-");
   EXPECT_DOUBLE_EQ(lod.fraction(), 0.5);
-  press("]");
-  EXPECT_FALSE(state.playout.smoothness) << "nothing is held back that could be";
   press("M");
   EXPECT_EQ(state.playout.mode, PlayoutMode::kInterpolate);
-  press("[");
-  EXPECT_DOUBLE_EQ(*state.playout.smoothness, 0.875);
-  press("M");
-  EXPECT_EQ(state.playout.mode, PlayoutMode::kEstimate);
-  EXPECT_EQ(Playout(state.playout).smoothness(), 0);
   press("]");
-  EXPECT_DOUBLE_EQ(*state.playout.smoothness, 0.125);
+  EXPECT_EQ(state.speed, 2);
+  press("[");
+  press("[");
+  EXPECT_EQ(state.speed, 0.5);
+  press(",");
+  press(",");
+  press(".");
+  EXPECT_EQ(state.steps, -1);
+  press("L");
+  EXPECT_FALSE(state.looping);
+  press("End");
+  EXPECT_TRUE(state.live_wanted);
+  EXPECT_DOUBLE_EQ(lod.fraction(), 0.5) << "keys of the timeline leave the detail alone";
   press("U");
   EXPECT_EQ(camera.up(), Camera::Up::kZ);
   press("F12");
@@ -127,6 +133,57 @@ TEST(ViewerState, KeysToggleTheirSwitches) {
   for (const HelpLine& line : help_lines(state, camera, lod, ResolverKind::kNone))
     edges_on |= line.what == "edges" && line.state == "on";
   EXPECT_TRUE(edges_on);
+}
+
+/// A clip, or without timeline a stream.
+class TimedSource : public FakeSource {
+ public:
+  explicit TimedSource(std::optional<Timeline> timeline)
+      : FakeSource(sphere_asset(1)), timeline_(std::move(timeline)) {}
+  Timeline* timeline() const override { return timeline_ ? &*timeline_ : nullptr; }
+  mutable std::optional<Timeline> timeline_;
+};
+
+TEST(ClipPlayer, AllClipsFollowTheState) {
+  TimedSource lead(Timeline({0, 100'000, 200'000, 300'000}, 400'000, 0)), shorter(Timeline({0, 100'000}, 200'000, 0));
+  TimedSource stream(std::nullopt);
+  const std::vector<PoseSource*> clips{&shorter, &lead}, both{&lead, &stream};
+  EXPECT_EQ(leading_timeline(clips), lead.timeline());
+  ViewerState state;
+  TimeUs now = 250'000;
+  const auto positions = [&] {
+    play_clips(clips, state, now);
+    return std::pair(lead.timeline()->at(now).position_us, shorter.timeline()->at(now).position_us);
+  };
+  EXPECT_EQ(positions(), std::pair(TimeUs{250'000}, TimeUs{50'000}));
+  state.steps = -1;
+  EXPECT_EQ(positions(), std::pair(TimeUs{200'000}, TimeUs{0})) << "each to a pose of its own";
+  EXPECT_TRUE(state.paused);
+  state.seek_us = 310'000;
+  EXPECT_EQ(positions(), std::pair(TimeUs{310'000}, TimeUs{110'000})) << "the shorter one goes round";
+  state.paused = false;
+  state.speed = 0.5;
+  positions();
+  EXPECT_TRUE(lead.timeline()->interpolates()) << "slow motion is no row of stills";
+  now += 20'000;
+  EXPECT_EQ(positions().first, 320'000);
+  state.looping = false;
+  state.speed = 1;
+  positions();
+  now += 1'000'000;
+  EXPECT_EQ(positions(), std::pair(TimeUs{300'000}, TimeUs{100'000})) << "each holds its end";
+  state.paused = true;
+  EXPECT_EQ(positions().first, 0) << "Space at the end begins anew";
+  EXPECT_FALSE(state.paused);
+  state.live_wanted = true;
+  EXPECT_EQ(positions(), std::pair(TimeUs{300'000}, TimeUs{100'000}));
+  EXPECT_TRUE(state.paused);
+  state.live_wanted = true;
+  play_clips(both, state, now);
+  EXPECT_FALSE(state.paused) << "a stream is live";
+  state.steps = 1;
+  play_clips({}, state, now);
+  EXPECT_FALSE(state.paused) << "there is nothing to step";
 }
 
 TEST(Screenshots, NeverOverwrite) {

@@ -195,6 +195,25 @@ Picture screenshot(const std::string& keys, const std::string& name) {
   return picture ? *picture : Picture{};
 }
 
+TEST_F(TheWindow, TurntableTurns) {
+  options_.settings = "";
+  options_.turntable_s = 8;
+  const auto start = std::filesystem::current_path();
+  std::filesystem::current_path(folder_.path());
+  Picture first, second;
+  EXPECT_EQ(run([&] {
+              EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+              EXPECT_TRUE(until([&] { return opened().size() == 1; }));
+              first = screenshot("f", "eigencast_0001.png");
+              second = screenshot("y", "eigencast_0002.png");
+            }),
+            kExitGood);
+  std::filesystem::current_path(start);
+  ASSERT_EQ(first.rgb.size(), 3u * 640 * 480);
+  ASSERT_EQ(second.rgb.size(), first.rgb.size());
+  EXPECT_GT(testing::mean_difference(first, second), 0.2) << "the floor's grid turns with the scene";
+}
+
 TEST_F(TheWindow, TextsAndLinesFollowTheDisplay) {
   options_.width = 720;
   options_.height = 560;

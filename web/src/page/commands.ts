@@ -51,12 +51,13 @@ function nextPlayout({ view, say }: Desk): void {
   say(`motion between arrivals: ${mode}`);
 }
 
-/** The native client's keys (client/viewer_state.cpp), as far as the page has what they do. */
+/** The native client's keys (client/viewer_state.cpp), as far as the page has what they do; its others are free there. */
 export const COMMANDS: readonly Command[] = [
   {
     keys: [' '], does: 'pause', icon: 'M8 5v14M16 5v14', isOn: ({ view }) => view.live.isPaused,
     apply: ({ view }) => (view.live.isPaused = !view.live.isPaused),
   },
+  { keys: ['End'], does: 'to the live pose', apply: ({ view }) => (view.live.isPaused = false) },
   {
     keys: ['R', 'Home'], does: 'reset the camera', icon: 'M4 11l8-7 8 7M6 10v9h12v-9',
     apply: ({ view }) => (view.camera.home(), view.invalidate()),
@@ -74,9 +75,9 @@ export const COMMANDS: readonly Command[] = [
   toggle('axes', 'axes', 'X'),
   { keys: ['U'], does: 'up axis', apply: ({ view }) => view.nextUp(), state: ({ view }) => view.camera.up },
   {
-    keys: ['+', '=', '.'], does: 'finer, at most', apply: ({ view }) => view.finer(), state: ({ view }) => `${Number((100 * view.lod).toPrecision(3))} %`,
+    keys: ['+', '='], does: 'finer, at most', apply: ({ view }) => view.finer(), state: ({ view }) => `${Number((100 * view.lod).toPrecision(3))} %`,
   },
-  { keys: ['-', ','], does: 'coarser', apply: ({ view }) => view.coarser() },
+  { keys: ['-'], does: 'coarser', apply: ({ view }) => view.coarser() },
   { keys: ['M'], does: 'motion between arrivals', apply: nextPlayout, state: ({ view }) => view.live.playout.mode },
   { keys: ['Y'], does: 'turntable', apply: (desk) => (desk.isTurning = !desk.isTurning), isOn: ({ isTurning }) => isTurning },
   {
@@ -90,7 +91,7 @@ export const COMMANDS: readonly Command[] = [
     isOn: ({ isRecording }) => isRecording,
   },
   {
-    keys: ['L'], does: 'copy the link to this view', icon: 'M10 14a4 4 0 0 0 6 0l3-3a4 4 0 0 0-6-6l-1 1M14 10a4 4 0 0 0-6 0l-3 3a4 4 0 0 0 6 6l1-1',
+    keys: ['I'], does: 'copy the link to this view', icon: 'M10 14a4 4 0 0 0 6 0l3-3a4 4 0 0 0-6-6l-1 1M14 10a4 4 0 0 0-6 0l-3 3a4 4 0 0 0 6 6l1-1',
     apply: (desk) => desk.copyLink(),
   },
   { keys: ['Enter'], does: 'full screen', icon: 'M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5', apply: (desk) => desk.fullScreen() },
