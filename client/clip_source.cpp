@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "client/clip_truth.h"
+#include "client/recorded_clip.h"
 #include "common/core/text.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
@@ -112,6 +113,7 @@ std::optional<std::string> clip_in(const std::string& stream) {
 
 Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,
                                                          const BakeProgress& progress) {
+  if (is_recording(input)) return read_recording(input, cache_dir, progress);
   auto clip = open_input(input);
   if (!clip) return clip.error();
   BakeOptions options;

@@ -42,7 +42,8 @@ struct BakedClip {
 
   ClipMotion curve() const { return {frames, times_us, period_us, is_cycle}; }
 
-  /// Bakes, or takes from cache_dir. Errors: those of open_input, bake and project_clip.
+  /// Bakes, or takes from cache_dir; of a recording reads. Errors: those of open_input, bake, project_clip and
+  /// read_recording.
   static Result<std::shared_ptr<const BakedClip>> open(const std::string& input, const std::string& cache_dir,
                                                        const BakeProgress& progress = {});
 };

@@ -178,6 +178,8 @@ class Film {
       session_->count_written();
     }
     if (drawn_ == 0) return cancelled();
+    if (const std::string why = session_->colours().why_not(); !why.empty())
+      log(log_, LogLevel::kWarning, "colours are not as asked for: " + why);
     if (drawn_ < clock_->pictures()) log(log_, LogLevel::kWarning, "stopped: the film ends early");
     return {};
   }

@@ -10,6 +10,7 @@
 #include "client/clip_source.h"
 #include "client/hud_text.h"
 #include "client/open_source.h"
+#include "client/recorded_clip.h"
 #include "client/settings.h"
 #include "common/command_line/command_line.h"
 #include "common/surface/formats/read.h"
@@ -144,7 +145,7 @@ Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::st
 
 /// The word's path must be there: its ending says that no stream is meant.
 Result<void> check_stream_word(const std::string& word) {
-  if (word.find("://") != std::string::npos || !kind_of_file(word)) return {};
+  if (word.find("://") != std::string::npos || (!kind_of_file(word) && !is_recording(word))) return {};
   return fail(ErrorCode::kNotFound,
               word + ": no such file (a stream that ends so is given by its URL, http://HOST:7490/NAME)");
 }
@@ -304,7 +305,8 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
       {"What to show",
        {{"streams",
          &options.scene.streams,
-         "files, folders and scene files; or http://host[:port]/stream (https:// for TLS; http://a,b/stream: the "
+         "files, folders, recordings and scene files; or http://host[:port]/stream (https:// for TLS; "
+         "http://a,b/stream: the "
          "brokers a and b of a cluster in turn); or streams at the context's broker; after the word view, globs and "
          "built-in "
          "shapes, "

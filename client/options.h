@@ -44,12 +44,12 @@ struct ClientOptions {
   std::string settings;  ///< File; empty: the window remembers nothing.
   // The command line overrides what the window remembers.
   bool style_given = false, size_given = false, resolver_given = false, playout_given = false;
+  bool verbose = false;
   double ui_scale = 0;              ///< For texts and panels; 0: the display's.
   double turntable_s = 0;           ///< Time of a turn of the camera around the scene; 0: it does not turn.
   std::optional<FilmOptions> film;  ///< Headless.
   std::string cache_dir;
   double memory_mb = 0;  ///< For what brokers send; 0: three quarters of what is free.
-  bool verbose = false;
 };
 
 enum ExitCode : int { kExitGood = 0, kExitFailed = 1, kExitUsage = 2, kExitNoStream = 4 };

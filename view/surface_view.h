@@ -156,7 +156,6 @@ class SurfaceView {
 
   Playout playout_;
   PlayoutSettings wanted_playout_;
-  bool is_exact_ = false;  ///< The source has a timeline.
   LevelOfDetail lod_;
   SurfaceGeometry geometry_;
   SurfaceFacts facts_;
@@ -185,6 +184,7 @@ class SurfaceView {
   bool settling_ = false;
   std::array<std::uint64_t, 4> times_shown_{};
   bool paused_ = false;
+  bool is_exact_ = false;  ///< The source has a timeline.
   std::uint64_t poses_shown_ = 0, poses_unusable_ = 0;
   std::uint32_t bands_received_ = 0;
 };

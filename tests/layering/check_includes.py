@@ -60,7 +60,7 @@ ROOMS = {
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/levels", "common/wire", "common/motion", "common/surface",
-               "common/asset", "common/reconstruction", "common/net", "sdk", "common/surface/formats", "common/surface/shapes"},
+               "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "common/surface/formats", "common/surface/shapes"},
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/asset", "common/reconstruction",
                       "common/net", "sdk", "common/surface/shapes"},
     "tools/compare": {"common/core", "common/surface", "common/asset", "sender"},
