@@ -2,6 +2,9 @@
 #include "broker/connections/publisher.h"
 
 #include <exception>
+#include <functional>
+#include <memory>
+#include <span>
 #include <utility>
 
 #include "broker/access/resume_secret.h"
