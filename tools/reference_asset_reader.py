@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: MIT
 """Reads an eigencast asset and prints it as JSON: a second reader, written from docs/asset-format.md alone.
 
-    reference_asset_reader.py MANIFEST_FILE CHUNK_FILE...
-    reference_asset_reader.py MANIFEST_FILE CHUNK_FILE... --expect JSON_FILE    (compares; fails on the first difference)
+    reference_asset_reader.py MANIFEST_FILE CHUNK_FILE... [--columns SECTION_FILE] [--expect JSON_FILE]
+
+--expect compares, and fails on the first difference.
 
 Standard library only. It favours plainness over speed.
 """
@@ -79,7 +80,7 @@ def read_facts(b):
 def read_manifest(data):
     b = Bytes(data)
     m = read_facts(b)
-    m["chunks"] = []
+    m["chunks"], m["columns"] = [], None
     row = face = 0
     for _ in range(b.number("I")):
         chunk = {"first_row": row, "first_face": face, "end_row": b.number("I"), "end_face": b.number("I"), "id": b.take(32), "tiles": []}
@@ -98,7 +99,9 @@ def read_manifest(data):
     need(m["chunks"] and m["chunks"][0]["end_row"] >= m["q"] and row == m["n"] and face == m["F"], "chunks do not cover the asset")
     for _ in range(b.number("H")):
         kind, required = b.number("H"), b.number("B")
-        b.number("Q"), b.take(32)
+        section = b.number("Q"), b.take(32)
+        if kind == 36:
+            m["columns"] = section
         need(required == 0, f"a required section of unknown kind {kind}")
     b.end()
     return m
@@ -272,10 +275,17 @@ def add_basis(m, asset, chunk, band, b):
             value = struct.unpack("<f", struct.pack("<I", (0x7FFFFFFF - number) % (1 << 32) if number < 0 else number))[0]
             need(math.isfinite(value), "a basis value is not finite")
             column.append(value)
+    integers = range(min(max(m["E"], low), high), high)
+    add_integers(b, first, end, [asset["columns"][k] for k in integers], chunk["predictors"])
+    for k in integers:
+        need(m["column_scales"][k - m["E"]] != 0 or not any(asset["columns"][k]), "a basis value is out of range")
+    b.end()
+
+
+def add_integers(b, first, end, columns, predictors):
     means = [32] * (end - first)
     contexts = [{} for _ in range(40)]
-    for columns, k in enumerate(range(min(max(m["E"], low), high), high), 1):
-        column = asset["columns"][k]
+    for number, column in enumerate(columns, 1):
         met = expected = 1 << 10
         for i in range(first, end):
             mean = means[i - first]
@@ -286,19 +296,40 @@ def add_basis(m, asset, chunk, band, b):
             met, expected = met + size, expected + mean
             if expected >= 1 << 16:
                 met, expected = (met + 1) // 2, (expected + 1) // 2
-            means[i - first] = max(mean + int((size - mean) / min(columns + 1, 10)), 1)
-            predicted = (sum(weight * column[row] for row, weight in chunk["predictors"][i - first]) + 32) >> 6
-            value = predicted + residual
-            need(abs(value) <= 32767 and (value == 0 or m["column_scales"][k - m["E"]] != 0), "a basis value is out of range")
-            column.append(value)
+            means[i - first] = max(mean + int((size - mean) / min(number + 1, 10)), 1)
+            predicted = (sum(weight * column[row] for row, weight in predictors[i - first]) + 32) >> 6
+            need(abs(predicted + residual) <= 32767, "a basis value is out of range")
+            column.append(predicted + residual)
+
+
+def add_columns(m, asset, data):
+    """The section of learnt columns: their values, and in the facts one band more."""
+    need(m["columns"] == (len(data), hashlib.sha256(data).digest()), "the columns do not have their hash")
+    b = Bytes(data)
+    count = b.number("B")
+    need(1 <= count <= 64 and m["r"] + count <= 4096 and len(m["band_ends"]) < 8, "number of columns")
+    scales = b.numbers("f", count)
+    need(all(1e-30 <= scale <= 1e34 for scale in scales), "a scale is out of range")
+    columns = [[] for _ in range(count)]
+    for chunk, size in zip(m["chunks"], b.numbers("I", len(m["chunks"]))):
+        chunk["columns"] = size
+    for chunk in m["chunks"]:
+        first, end = chunk["first_row"], chunk["end_row"]
+        tile = Coded(b.take(chunk["columns"]))
+        add_integers(tile, first, end, columns, [[(asset["map"][i], 64)] if i >= m["q"] else [] for i in range(first, end)])
+        tile.end()
     b.end()
+    m["r"] += count
+    m["band_ends"].append(m["r"])
+    m["rest"] += [0.0] * 3 * count
+    return [[as_f32(v * scale) for v in column] for column, scale in zip(columns, scales)]
 
 
 def as_f32(x):
     return struct.unpack("<f", struct.pack("<f", x))[0]
 
 
-def read_asset(manifest_bytes, chunk_bytes):
+def read_asset(manifest_bytes, chunk_bytes, column_bytes=None):
     m = read_manifest(manifest_bytes)
     need(len(chunk_bytes) == len(m["chunks"]), "number of chunks")
     asset = {"map": [], "source_vertex": [], "mass": [], "faces": [], "death": [], "columns": [[] for _ in range(m["r"])]}
@@ -312,17 +343,24 @@ def read_asset(manifest_bytes, chunk_bytes):
     columns = asset.pop("columns")
     for k in range(m["E"], m["r"]):
         columns[k] = [as_f32(v * m["column_scales"][k - m["E"]]) for v in columns[k]]
+    if column_bytes is not None:
+        columns += add_columns(m, asset, column_bytes)
     facts = {key: m[key] for key in ("n", "r", "q", "F", "band_ends", "up_axis", "handedness", "metres_per_unit", "area",
                                      "box_low", "box_high", "origin", "basis_kind", "operator_kind", "name", "level_errors", "rest")}
     return {"id": hashlib.sha256(manifest_bytes).hexdigest(), **facts, **asset, "basis": [list(row) for row in zip(*columns)]}
 
 
 def main(arguments):
-    expected = None
+    expected = columns = None
     if "--expect" in arguments:
         at = arguments.index("--expect")
         with open(arguments[at + 1], encoding="utf-8") as file:
             expected = json.load(file)
+        arguments = arguments[:at]
+    if "--columns" in arguments:
+        at = arguments.index("--columns")
+        with open(arguments[at + 1], "rb") as file:
+            columns = file.read()
         arguments = arguments[:at]
     if not arguments:
         sys.exit(__doc__)
@@ -331,7 +369,7 @@ def main(arguments):
         with open(path, "rb") as file:
             contents.append(file.read())
     try:
-        asset = read_asset(contents[0], contents[1:])
+        asset = read_asset(contents[0], contents[1:], columns)
     except Corrupt as error:
         sys.exit(f"{arguments[0]}: {error}")
     if expected is None:

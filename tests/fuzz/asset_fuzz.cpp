@@ -2,7 +2,8 @@
 //
 // A hostile asset, whole: how many bands are read, the manifest and the chunks after it. An enemy computes hashes, too,
 // so those of the manifest are replaced by the ones that its chunks have. What is taken, in part or whole, is sound and
-// can be drawn at every level; what is whole is the same when it is written and read again.
+// can be drawn at every level; what is whole is the same when it is written and read again. The bytes that remain are
+// columns for it.
 #include <algorithm>
 #include <cstdlib>
 
@@ -113,6 +114,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!added) return 0;
   }
   require(validate_asset(reader->asset()).has_value());
+  const auto wider = with_columns(reader->asset(), in.bytes(in.remaining()), reader->chunk_ends());
+  if (wider) {
+    require(validate_asset(*wider).has_value() && wider->rank > reader->asset().rank);
+    draw(*wider);
+  }
   if (bands == 8) write_and_read(reader->asset());
   return 0;
 }

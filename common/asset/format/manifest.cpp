@@ -272,6 +272,13 @@ std::uint64_t ChunkEntry::bytes() const {
   return sum;
 }
 
+const SectionEntry* find_columns(const Manifest& manifest) {
+  for (const SectionEntry& section : manifest.sections) {
+    if (section.kind == kColumnsSection) return &section;
+  }
+  return nullptr;
+}
+
 Bytes write_manifest(const Manifest& manifest) {
   Bytes bytes;
   ByteWriter out(bytes);

@@ -44,6 +44,9 @@ struct ChunkEntry {
   std::uint64_t bytes() const;
 };
 
+/// The kind of the section that holds columns (asset/format/columns.h).
+inline constexpr std::uint16_t kColumnsSection = 36;
+
 /// An object that belongs to the whole asset, such as a texture.
 struct SectionEntry {
   std::uint16_t kind = 0;
@@ -60,6 +63,9 @@ struct Manifest {
   std::vector<ChunkEntry> chunks;
   std::vector<SectionEntry> sections;
 };
+
+/// Null where it lists none.
+const SectionEntry* find_columns(const Manifest& manifest);
 
 Bytes write_manifest(const Manifest& manifest);
 

@@ -60,6 +60,34 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   return reader;
 }
 
+std::vector<std::uint32_t> AssetReader::chunk_ends() const {
+  std::vector<std::uint32_t> ends;
+  for (const ChunkRef& chunk : chunks_) ends.push_back(chunk.end_row);
+  return ends;
+}
+
+std::optional<AssetReader::SectionRef> AssetReader::columns() const {
+  const SectionEntry* section = find_columns(*manifest_);
+  if (section == nullptr || bands_ < manifest_->facts.band_ends.size()) return std::nullopt;
+  return SectionRef{section->id, section->bytes};
+}
+
+Result<void> AssetReader::add_columns(ByteView bytes) {
+  const auto ref = columns();
+  if (!ref || next_ > 0 || columns_)
+    return fail(ErrorCode::kInvalidArgument, "columns of an asset: none are due here, before its first chunk");
+  if (bytes.size() != ref->bytes || sha256(bytes) != ref->id)
+    return fail(ErrorCode::kCorrupt, "columns of an asset: their bytes do not have the hash " + ref->id.hex());
+  for (const TileEntry& tile : manifest_->chunks.front().tiles) {
+    if (tile.is(TileKind::kDetail)) return fail(ErrorCode::kUnsupported, "columns of an asset: it has detail");
+  }
+  auto section = ColumnsSection::parse(bytes, chunk_ends());
+  if (!section) return section.error();
+  if (const auto widened = section->widen(asset_); !widened) return widened;
+  columns_ = std::move(*section);
+  return {};
+}
+
 void AssetReader::reserve() {
   asset_.floats.reserve(std::size_t{asset_.vertex_count} * asset_.float_columns());
   asset_.integers.reserve(std::size_t{asset_.vertex_count} * asset_.column_scales.size());
@@ -133,6 +161,11 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
 
   resize_basis(entry.end_row);
   Result<void> decoded = decode_bands(entry, bytes, structure->predictors);
+  if (decoded && columns_) {
+    std::vector<std::uint32_t> map = asset_.map;
+    append(map, structure->map);
+    decoded = columns_->read_chunk(index, map, asset_);
+  }
   auto texture = decode_texture(entry, bytes, *structure);
   if (decoded && !texture) decoded = texture.error();
   if (decoded) decoded = decode_extras(entry, bytes, structure->map);
@@ -169,9 +202,8 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
   worker_team().run(bands_, [&](std::size_t task) {
     const std::size_t b = bands_ - 1 - task;
     const auto [first_column, end_column] = band_range(asset_.band_ends, b);
-    const BasisBlock block{
-        asset_.rows_ready,        entry.end_row, first_column, end_column, manifest_->exact_columns, asset_.rank,
-        manifest_->column_scales, predictors};
+    const BasisBlock block{asset_.rows_ready,        entry.end_row, first_column,         end_column,
+                           manifest_->exact_columns, asset_.rank,   asset_.column_scales, predictors};
     results[b] =
         decode_basis(block, bytes.subspan(begin[b], entry.tiles[1 + b].bytes), {asset_.floats, asset_.integers});
   });

@@ -4,10 +4,12 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "common/asset/asset.h"
+#include "common/asset/format/columns.h"
 #include "common/asset/format/encode.h"
 #include "common/core/bytes.h"
 #include "common/core/hash/sha256.h"
@@ -36,6 +38,18 @@ class AssetReader {
   static Result<AssetReader> from_manifest(const Sha256& id, ByteView manifest, std::size_t bands = kAllBands);
 
   const std::vector<ChunkRef>& chunks() const { return chunks_; }
+  /// The rows that each chunk ends with.
+  std::vector<std::uint32_t> chunk_ends() const;
+  /// Columns that the asset's stream learnt, to be fetched beside the chunks: where the manifest lists them and this
+  /// reader takes all bands.
+  struct SectionRef {
+    Sha256 id;
+    std::uint64_t bytes = 0;
+  };
+  std::optional<SectionRef> columns() const;
+  /// Takes them, before the first chunk. Without them the asset is what its chunks hold. After an error nothing has
+  /// changed. Errors: kCorrupt, kTooLarge, kUnsupported, kInvalidArgument (order; there are none).
+  Result<void> add_columns(ByteView bytes);
   /// What the whole asset may take at most, in bytes: its arrays while they grow, the copies from which processor and
   /// GPU rebuild poses, poses as they are drawn, the largest chunk unpacked, and those waiting. Without the texture's
   /// pixels.
@@ -66,6 +80,7 @@ class AssetReader {
   std::size_t bands_ = 0;
   std::vector<bool> seen_source_;  // vertices of the source that some row has
   std::shared_ptr<const Manifest> manifest_;
+  std::optional<ColumnsSection> columns_;
 };
 
 /// All at once. Errors: as AssetReader.

@@ -11,6 +11,7 @@
 #include <sstream>
 #include <string>
 
+#include "common/asset/format/columns.h"
 #include "common/asset/format/encode.h"
 #include "common/asset/format/manifest.h"
 #include "common/asset/format/reader.h"
@@ -121,6 +122,35 @@ TEST(AssetGolden, EncodesToTheGoldenBytes) {
   ASSERT_TRUE(encoded) << encoded.error().message;
   if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) write_golden("asset/", *encoded, asset);
   expect_golden_bytes("asset/", *encoded);
+}
+
+/// Multiples of a power of two.
+ColumnValues golden_columns(const Asset& asset) {
+  ColumnValues columns{{}, {0.0625F, 0.125F}};
+  for (std::uint32_t i = 0; i < 2 * asset.vertex_count; ++i)
+    columns.values.push_back(columns.scales[i % 2] * (static_cast<float>((i * 2654435761U) >> 26) - 32.0F));
+  return columns;
+}
+
+TEST(AssetGolden, ColumnsAreTheGoldenBytes) {
+  const auto encoded = encode_asset(golden_asset(), kGoldenEncoding);
+  ASSERT_TRUE(encoded) << encoded.error().message;
+  const auto asset = decode_asset(*encoded);
+  ASSERT_TRUE(asset) << asset.error().message;
+  const auto columns = encode_columns(*asset, *encoded, golden_columns(*asset));
+  ASSERT_TRUE(columns) << columns.error().message;
+  const auto wider = with_columns(*asset, columns->section.bytes, std::vector<std::uint32_t>{16, 32, 42});
+  ASSERT_TRUE(wider) << wider.error().message;
+  const Json read = json_from(*wider, columns->manifest.id);
+  if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) {
+    for (const auto& [name, object] : {std::pair{"columns", columns->section}, {"columns_manifest", columns->manifest}})
+      std::ofstream(golden_path(std::string("asset/") + name + ".bin"), std::ios::binary)
+          .write(reinterpret_cast<const char*>(object.bytes.data()), static_cast<long>(object.bytes.size()));
+    std::ofstream(golden_path("asset/columns.json")) << read.dump() << '\n';
+  }
+  EXPECT_EQ(columns->section.bytes, file_bytes("asset/columns.bin"));
+  EXPECT_EQ(columns->manifest.bytes, file_bytes("asset/columns_manifest.bin"));
+  EXPECT_EQ(read, Json::parse(std::ifstream(golden_path("asset/columns.json"))));
 }
 
 /// The asset that a folder's bytes hold, compared with its golden.json.
