@@ -211,6 +211,10 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   evaluate->get_option("--bitrate")->excludes(evaluate->get_option("--rank"));
   bounded(*evaluate, "--loop", command.loop_s,
           "play the clip in a loop for so many seconds, with a memory that is kept as live", 1.0, 86'400.0);
+  bounded(
+      *evaluate, "--learn", command.learn_s,
+      "learn columns that the basis misses from so many seconds at the start; judge the rest, and what --again plays",
+      0.1, 60.0);
   evaluate->add_option("--json", command.json, "write a report")->check(output_path(check_output_file));
 }
 

@@ -96,6 +96,7 @@ struct EvaluateCommand {
   AgainOptions again_options;
   bool sweep = false;  ///< Print the curve of error and rate that the rank is chosen of.
   double loop_s = 0;   ///< 0: no loop.
+  double learn_s = 0;  ///< 0: it does not learn.
   std::string json;
 };
 

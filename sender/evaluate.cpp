@@ -2,104 +2,28 @@
 #include "sender/evaluate.h"
 
 #include <algorithm>
-#include <array>
-#include <chrono>
 #include <cmath>
 #include <optional>
-#include <random>
 
-#include "common/codec/chain.h"
 #include "common/codec/memory_keeper.h"
 #include "common/codec/pose_memory.h"
-#include "common/codec/recaller.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/checks/jumps.h"
 #include "common/surface/vector.h"
 #include "sdk/rank_trial.h"
 #include "sender/clip_coefficients.h"
+#include "sender/evaluate_learning.h"
+#include "sender/key_coder.h"
 #include "sender/order_check.h"
+#include "sender/performance.h"
 
 namespace eigencast {
 namespace {
 
-constexpr TimeUs kKeyInterval = 33'333;
 constexpr std::size_t kStillPoses = 60;  // two seconds
 constexpr double kCoarsest = 8;
 constexpr int kBisections = 8;
 constexpr double kUploadS = 0.2;  ///< From the decision to remember poses to their first use.
-
-/// What `act` gives; how long that took goes to `ns`.
-template <typename Act>
-auto timed(Histogram& ns, Act&& act) {
-  const auto start = std::chrono::steady_clock::now();
-  auto result = act();
-  ns.add(std::chrono::nanoseconds(std::chrono::steady_clock::now() - start).count());
-  return result;
-}
-
-/// Codes and decodes keys one after the other.
-class KeyCoder {
- public:
-  KeyCoder(const Asset& asset, const CoefficientLayout& layout, const Quantiser& quantiser,
-           std::optional<ChainState> state = {}, const PoseMemory* memory = nullptr)
-      : asset_(asset), layout_(layout), quantiser_(quantiser), state_(std::move(state)) {
-    if (memory != nullptr) recaller_.emplace(*memory);
-  }
-
-  /// The newer key of the state is then what was decoded.
-  Result<void> code(std::span<const double> C) {
-    const auto key = key_from_coefficients(layout_, C, quantiser_.step);
-    if (!key) return key.error();
-    if (auto coded = code(*key); !coded) return coded;
-    squares_ += std::pow(surface_distance(C, received(), asset_.area), 2);
-    keys_.quantising_rms = std::sqrt(squares_ / static_cast<double>(++measured_));
-    return {};
-  }
-  Result<void> code(const Key& key) {
-    if (!state_) {
-      state_ = advanced(std::nullopt, key, 0);
-      return {};
-    }
-    auto coded = timed(keys_.encode_ns, [&] {
-      return recaller_ ? recaller_->encode(*state_, key, quantiser_.half_spacing)
-                       : encode_key(layout_, *state_, key, quantiser_.half_spacing);
-    });
-    if (!coded) return coded.error();
-    const auto decoded = timed(keys_.decode_ns, [&]() -> Result<Key> {
-      if (!coded->phase) return decode_key(layout_, layout_.all_bands(), *state_, coded->payload);
-      auto recalled = decode_recalled_key(layout_, layout_.all_bands(), *state_, recaller_->memory(), coded->payload);
-      if (!recalled) return recalled.error();
-      return std::move(recalled->key);
-    });
-    if (!decoded) return decoded.error();
-    if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
-    state_ = advanced(std::move(state_), coded->key, kKeyInterval, coded->phase);
-    ++keys_.frames;
-    keys_.recalled += coded->phase ? 1 : 0;
-    keys_.payload_bytes += coded->payload.size();
-    keys_.wire_bytes += key_message_bytes(coded->payload.size());
-    last_ = std::move(*coded);
-    return {};
-  }
-  /// REQUIRES: `memory` begins as the one before, or the state forgets where it was.
-  void remember(const PoseMemory& memory) { recaller_.emplace(memory); }
-  void forget() { recaller_.reset(), state_->phase.reset(); }
-  const CodedKey& last() const { return last_; }  ///< Of the last key but a join.
-  const std::optional<ChainState>& state() const { return state_; }
-  std::vector<double> received() const { return coefficients_from_key(layout_, state_->newer); }
-  const CodedKeys& keys() const { return keys_; }
-
- private:
-  const Asset& asset_;
-  const CoefficientLayout& layout_;
-  Quantiser quantiser_;
-  std::optional<ChainState> state_;
-  std::optional<Recaller> recaller_;
-  CodedKeys keys_;
-  CodedKey last_;
-  double squares_ = 0;
-  std::uint64_t measured_ = 0;
-};
 
 Result<StillPose> still_pose(KeyCoder coder, const Key& key, const Asset& asset) {
   StillPose still;
@@ -115,54 +39,16 @@ Result<StillPose> still_pose(KeyCoder coder, const Key& key, const Asset& asset)
   return still;
 }
 
-/// The coefficients of a clip that is played at another speed, by a cubic through its poses, a little differently.
-class Performance {
- public:
-  Performance(const CoefficientStore& clip, std::size_t frames, const Asset& asset, const AgainOptions& options)
-      : clip_(clip),
-        last_(static_cast<double>(frames - 1)),
-        warp_(options.warp),
-        spread_(options.noise * asset.diagonal() * std::sqrt(asset.area / (3.0 * asset.rank))) {}
-
-  /// Nothing when the pass is over.
-  Result<std::optional<std::vector<double>>> next() {
-    const double time = warp_ * static_cast<double>(frame_++);
-    if (time > last_) return std::optional<std::vector<double>>();
-    const auto from = static_cast<std::int64_t>(time), last = static_cast<std::int64_t>(last_);
-    const double t = time - std::floor(time), rest = 1 - t;  // Catmull & Rom
-    const std::array<double, 4> weights{-t * rest * rest / 2, ((3 * t - 5) * t * t + 2) / 2,
-                                        ((4 - 3 * t) * t + 1) * t / 2, -t * t * rest / 2};
-    std::vector<double> C;
-    auto pose = from - 1;
-    for (const double weight : weights) {
-      const auto at = clip_.at(static_cast<std::size_t>(std::clamp<std::int64_t>(pose++, 0, last)));
-      if (!at) return at.error();
-      C.resize(at->size());
-      for (std::size_t i = 0; i < C.size(); ++i) C[i] += weight * (*at)[i];
-    }
-    for (double& c : C) c += spread_ * normal_(random_);
-    return std::optional(std::move(C));
-  }
-  void restart() { frame_ = 0; }
-
- private:
-  const CoefficientStore& clip_;
-  double last_, warp_, spread_;
-  std::uint64_t frame_ = 0;
-  std::mt19937_64 random_{1};
-  std::normal_distribution<double> normal_;
-};
-
 /// All passes after the first, from the state after it. `first_use`: of the memory, in frames; may be null.
 Result<CodedKeys> code_passes(KeyCoder coder, Performance performance, unsigned passes, std::uint64_t* first_use,
                               const BakeProgress& progress) {
   for (unsigned pass = 1; pass < passes; ++pass, performance.restart()) {
     if (progress && !progress(1, "coding it again")) return fail(ErrorCode::kCancelled, "stopped while evaluating");
     for (;;) {
-      const auto C = performance.next();
-      if (!C) return C.error();
-      if (!*C) break;
-      if (const auto coded = coder.code(**C); !coded) return coded.error();
+      const auto pose = performance.next();
+      if (!pose) return pose.error();
+      if (!*pose) break;
+      if (const auto coded = coder.code((*pose)->C); !coded) return coded.error();
       if (first_use != nullptr && coder.keys().recalled == 0) ++*first_use;
     }
   }
@@ -211,13 +97,6 @@ Result<AgainEvaluation> evaluate_again(const AgainOptions& options, const Coeffi
   }
   result.plain = std::move(*plain), result.recalled = std::move(*recalled);
   return result;
-}
-
-/// Returns them in the asset's order and space.
-std::vector<Vec3> rows_of(const Asset& asset, std::span<const Vec3> source) {
-  std::vector<Vec3> rows;
-  for (const std::uint32_t vertex : asset.source_vertex) rows.push_back(source[vertex] - asset.origin);
-  return rows;
 }
 
 /// Both streams, and what the one with a memory takes beside its keys.
@@ -403,8 +282,10 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
   const CoefficientLayout layout{options.codec, asset.rank, 3, asset.band_ends};
   const Quantiser quantiser = quantiser_for_error(options.eps, asset.area, asset.rank);
 
-  if ((options.again || options.loop) && layout.is_float())
-    return fail(ErrorCode::kInvalidArgument, "a float codec has no memory: --again and --loop need --codec quantised");
+  if ((options.again || options.loop || options.learn) && layout.is_float()) {
+    return fail(ErrorCode::kInvalidArgument,
+                "a float codec neither remembers nor learns: --again, --loop and --learn need --codec quantised");
+  }
   std::optional<CoefficientStore> store;
   if (options.again || options.loop) {
     auto created = CoefficientStore::create(clip.frame_count(), layout.size());
@@ -452,6 +333,11 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
         evaluate_again(*options.again, *store, clip.frame_count(), asset, layout, options.eps, coder.state(), progress);
     if (!again) return again.error();
     result.again = std::move(*again);
+  }
+  if (options.learn && clip.frame_count() > 0) {
+    auto learn = evaluate_learning(clip, asset, options, progress);
+    if (!learn) return learn.error();
+    result.learn = std::move(*learn);
   }
   sums.state(result);
   if (const auto accepted = accept_order(jumps.order(), options.any_order); !accepted) return accepted.error();

@@ -11,6 +11,7 @@
 #include "common/core/histogram.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
+#include "sdk/learner.h"
 #include "sender/surface_error.h"
 
 namespace eigencast {
@@ -28,6 +29,14 @@ struct LoopOptions {
   double rate_hz = 30;
 };
 
+/// A stream that learns columns from its first poses. What follows is judged: the rest of the clip and, with
+/// AgainOptions, its passes after the first.
+struct LearnOptions {
+  double seconds = 4;
+  double rate_hz = 30;
+  const EncodedAsset* encoded = nullptr;  ///< The asset's. Must outlive the evaluation.
+};
+
 struct EvaluateOptions {
   CodecKind codec = CodecKind::kQuantised;
   double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
@@ -35,6 +44,7 @@ struct EvaluateOptions {
   bool any_order = false;               ///< As of SourceOptions.
   std::optional<AgainOptions> again{};  ///< Of quantised keys only; likewise:
   std::optional<LoopOptions> loop{};
+  std::optional<LearnOptions> learn{};
 };
 
 /// What viewers see of a surface that was moving and now rests, while its pose is sent on.
@@ -87,6 +97,34 @@ struct LoopEvaluation {
   double in_all_kbit_per_s() const;
 };
 
+/// Keys, and what viewers see of them.
+struct JudgedKeys {
+  CodedKeys keys;
+  SurfaceError error;
+  double eps = 0;  ///< That they were coded with, model units.
+};
+
+/// The same poses, without and with columns.
+struct LearningGain {
+  JudgedKeys plain, learnt;
+  JudgedKeys other;  ///< Of a clip's rest: with columns, at as many bits as without. Again: without columns and memory.
+};
+
+struct LearnEvaluation {
+  static constexpr double kStayS = 120;  ///< What a live stream is expected to go on for.
+
+  LearnOptions options;
+  std::size_t poses = 0;               ///< Of the clip, that it learns from.
+  std::uint32_t columns = 0;           ///< k; 0: none is worth coding, and all below is as without.
+  std::uint64_t bytes = 0;             ///< Side information: manifest and section, which every viewer fetches once.
+  std::optional<LearningTrial> trial;  ///< What a sender decides by. Nothing where the poses are too few.
+  bool pays = false;                   ///< It decides to learn; the others are judged all the same.
+  double learn_ms = 0;                 ///< From the last pose to the columns.
+  Histogram add_ns;                    ///< Learner::add, for each pose.
+  std::optional<LearningGain> rest;    ///< The clip's other poses.
+  std::optional<LearningGain> again;   ///< The passes after the first, with a memory of it.
+};
+
 struct Evaluation {
   SurfaceError truncation;           ///< Basis alone.
   SurfaceError total;                ///< Basis and codec: what every receiver at full detail sees.
@@ -97,6 +135,7 @@ struct Evaluation {
   std::uint64_t join_bytes = 0;  ///< Counts the join frame at the end.
   std::optional<AgainEvaluation> again;
   std::optional<LoopEvaluation> loop;
+  std::optional<LearnEvaluation> learn;
   std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
 };
 

@@ -77,6 +77,42 @@ json json_from(const LoopEvaluation& loop, double diagonal) {
           {"kbit_per_s_by_second_without_memory", loop.plain_kbit_per_s}};
 }
 
+json json_from(const LearnEvaluation& learn, double diagonal, double rate_hz) {
+  const auto judged = [&](const JudgedKeys& seen) {
+    json value = json_from(seen.keys, diagonal, rate_hz);
+    value["error"] = json_from(seen.error);
+    value["eps_over_diagonal"] = seen.eps / diagonal;
+    return value;
+  };
+  json value = {{"seconds", learn.options.seconds},
+                {"poses", learn.poses},
+                {"columns", learn.columns},
+                {"side_bytes", learn.bytes},
+                {"pays", learn.pays},
+                {"learn_ms", learn.learn_ms},
+                {"add_us_mean", learn.add_ns.mean() * 1e-3}};
+  if (learn.trial) {
+    const auto payback_s = learn.trial->payback_s(learn.bytes);
+    value["trial"] = {{"basis_rms_over_diagonal", learn.trial->basis_error / diagonal},
+                      {"basis_rms_over_diagonal_with_columns", learn.trial->learnt_error / diagonal},
+                      {"quantising_rms_over_diagonal", learn.trial->coding_error / diagonal},
+                      {"wire_kbit_per_s", learn.trial->kbit_per_s},
+                      {"wire_kbit_per_s_with_columns_at_equal_error", learn.trial->equal_kbit_per_s},
+                      {"payback_s", payback_s ? json(*payback_s) : json()}};
+  }
+  if (learn.rest) {
+    value["rest"] = {{"without_columns", judged(learn.rest->plain)},
+                     {"with_columns", judged(learn.rest->learnt)},
+                     {"with_columns_at_equal_bits", judged(learn.rest->other)}};
+  }
+  if (learn.again) {
+    value["again"] = {{"without_columns_and_memory", judged(learn.again->other)},
+                      {"with_memory", judged(learn.again->plain)},
+                      {"with_columns_and_memory", judged(learn.again->learnt)}};
+  }
+  return value;
+}
+
 json json_from(const EvaluatedRow& row, double rate_hz) {
   const Evaluation& e = row.evaluation;
   json levels = json::array();
@@ -101,6 +137,7 @@ json json_from(const EvaluatedRow& row, double rate_hz) {
                 {"decode_us_p50", us_p50(e.keys.decode_ns)}};
   if (e.again) value["again"] = json_from(*e.again, e.keys, row.diagonal, rate_hz);
   if (row.trial) value["trial"] = json_from(*row.trial);
+  if (e.learn) value["learn"] = json_from(*e.learn, row.diagonal, rate_hz);
   if (e.loop) value["loop"] = json_from(*e.loop, row.diagonal);
   return value;
 }
@@ -173,6 +210,26 @@ std::string notes_on(const LoopEvaluation& loop) {
       loop.keep_ns.mean() * 1e-3, static_cast<double>(loop.keep_ns.max()) * 1e-3);
 }
 
+std::string notes_on(const LearnEvaluation& learn, double rate_hz) {
+  const auto seen = [&](const JudgedKeys& judged) {
+    return formatted("%.1f kbit/s, KG %.3f %%", judged.keys.wire_kbit_per_s(rate_hz), judged.error.kg_percent);
+  };
+  const auto payback_s = learn.trial ? learn.trial->payback_s(learn.bytes) : std::nullopt;
+  std::string text = formatted(
+      "%u columns learnt from %zu poses in %.0f ms, %.0f us a pose: %.1f kB, which pay back %s: live, it %s\n",
+      learn.columns, learn.poses, learn.learn_ms, learn.add_ns.mean() * 1e-3, static_cast<double>(learn.bytes) * 1e-3,
+      payback_s ? formatted("in %.0f s", *payback_s).c_str() : "never", learn.pays ? "learns" : "does not");
+  if (learn.rest) {
+    text += "  the other poses: " + seen(learn.rest->plain) + "; with columns " + seen(learn.rest->learnt) +
+            "; at as many bits " + seen(learn.rest->other) + "\n";
+  }
+  if (learn.again) {
+    text += "  again: " + seen(learn.again->other) + "; with a memory " + seen(learn.again->plain) +
+            "; with columns, too, " + seen(learn.again->learnt) + "\n";
+  }
+  return text;
+}
+
 /// Vertex errors that quantising may add, model units.
 std::vector<double> errors_of(const EvaluateCommand& command, const Asset& asset) {
   std::vector<double> errors = command.errors;
@@ -209,6 +266,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
     EvaluateOptions how{codec, eps, command.levels, options.any_order};
     if (command.again) how.again = command.again_options;
     if (command.loop_s > 0) how.loop = {command.loop_s, command.rate_hz};
+    if (command.learn_s > 0) how.learn = {command.learn_s, command.rate_hz, &source->baked.encoded};
     auto evaluation = evaluate(*source->clip, asset, how, std::ref(line));
     line.finish();
     if (!evaluation) return evaluation.error();
@@ -263,6 +321,7 @@ std::string table_of(const EvaluatedClip& clip) {
     if (row.evaluation.again) text += notes_on_again(row, clip.rate_hz);
     if (clip.sweep && row.trial) text += curve_of(*row.trial);
     if (row.evaluation.loop) text += notes_on(*row.evaluation.loop);
+    if (row.evaluation.learn) text += notes_on(*row.evaluation.learn, clip.rate_hz);
   }
   return text;
 }

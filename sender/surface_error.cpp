@@ -64,6 +64,12 @@ SurfaceError SurfaceErrorSum::result() const {
           std::sqrt(max_squared_) / diagonal_};
 }
 
+std::vector<Vec3> rows_of(const Asset& asset, std::span<const Vec3> source) {
+  std::vector<Vec3> rows;
+  for (const std::uint32_t vertex : asset.source_vertex) rows.push_back(source[vertex] - asset.origin);
+  return rows;
+}
+
 SourceRebuilder::SourceRebuilder(const Asset& asset)
     : asset_(asset), floats_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {
   reconstructor_.update(asset);

@@ -43,6 +43,9 @@ class SurfaceErrorSum {
   std::size_t vertices_ = 0, poses_ = 0;
 };
 
+/// Positions in the asset's order and space. source: n, in the source's.
+std::vector<Vec3> rows_of(const Asset& asset, std::span<const Vec3> source);
+
 /// At full resolution, in the source's vertex order and space. Keeps a reference to the asset. Not thread-safe.
 class SourceRebuilder {
  public:
