@@ -189,4 +189,49 @@ double Camera::diameter_px(const glm::vec3& centre, float radius) const {
   return static_cast<double>(std::min(most, radius / std::sqrt(squared) * static_cast<float>(height_) / tan_y));
 }
 
+void Bounds::add(const glm::vec3& point) {
+  low = glm::min(low, point);
+  high = glm::max(high, point);
+}
+
+std::array<glm::vec3, 8> Bounds::corners() const {
+  std::array<glm::vec3, 8> all;
+  for (std::size_t i = 0; i < 8; ++i)
+    all[i] = {(i & 1) != 0 ? high.x : low.x, (i & 2) != 0 ? high.y : low.y, (i & 4) != 0 ? high.z : low.z};
+  return all;
+}
+
+PixelBox PixelBox::with(const PixelBox& other) const {
+  if (empty()) return other;
+  if (other.empty()) return *this;
+  const int left = std::min(x, other.x), lower = std::min(y, other.y);
+  return {left, lower, std::max(x + width, other.x + other.width) - left,
+          std::max(y + height, other.y + other.height) - lower};
+}
+
+std::array<PixelBox, 4> PixelBox::around(int picture_width, int picture_height) const {
+  if (empty()) return {PixelBox{0, 0, picture_width, picture_height}};
+  const int right = x + width, upper = y + height;
+  return {PixelBox{0, 0, picture_width, y}, PixelBox{0, upper, picture_width, picture_height - upper},
+          PixelBox{0, y, x, height}, PixelBox{right, y, picture_width - right, height}};
+}
+
+PixelBox pixels_of(std::span<const glm::vec3> points, const glm::mat4& clip_from_scene, int width, int height,
+                   float margin) {
+  const glm::vec2 size(width, height);
+  glm::vec2 low(size), high(0);
+  for (const glm::vec3& point : points) {
+    const glm::vec4 clip = clip_from_scene * glm::vec4(point, 1);
+    if (!(clip.w > 1e-6F)) return {0, 0, width, height};
+    const glm::vec2 px = (0.5F + 0.5F * glm::vec2(clip) / clip.w) * size;
+    low = glm::min(low, px - margin);
+    high = glm::max(high, px + margin);
+  }
+  low = glm::clamp(glm::floor(low), glm::vec2(0), size);
+  high = glm::clamp(glm::ceil(high), glm::vec2(0), size);
+  const PixelBox box{static_cast<int>(low.x), static_cast<int>(low.y), static_cast<int>(high.x - low.x),
+                     static_cast<int>(high.y - low.y)};
+  return box.empty() ? PixelBox() : box;
+}
+
 }  // namespace eigencast

@@ -5,7 +5,9 @@
 #include <glm/mat4x4.hpp>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
+#include <limits>
 #include <optional>
+#include <span>
 #include <string_view>
 
 namespace eigencast {
@@ -69,5 +71,28 @@ class Camera {
   int width_ = 1280, height_ = 720;
   bool moved_ = false;
 };
+
+/// A box along the axes; empty until a point is added.
+struct Bounds {
+  glm::vec3 low{std::numeric_limits<float>::max()}, high{std::numeric_limits<float>::lowest()};
+  bool empty() const { return low.x > high.x; }
+  void add(const glm::vec3& point);
+  std::array<glm::vec3, 8> corners() const;
+};
+
+/// Pixels of a picture from the lower left: from x and y on, as glScissor() takes them.
+struct PixelBox {
+  int x = 0, y = 0, width = 0, height = 0;
+  bool empty() const { return width <= 0 || height <= 0; }
+  bool operator==(const PixelBox&) const = default;
+  /// The smallest that holds both.
+  PixelBox with(const PixelBox& other) const;
+  /// What is left of a picture without this box: below, above, left and right of it; some may be empty.
+  std::array<PixelBox, 4> around(int picture_width, int picture_height) const;
+};
+
+/// The pixels that the hull of these points covers, with `margin` pixels around; all where one is behind the eye.
+PixelBox pixels_of(std::span<const glm::vec3> points, const glm::mat4& clip_from_scene, int width, int height,
+                   float margin);
 
 }  // namespace eigencast

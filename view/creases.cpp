@@ -9,7 +9,7 @@
 
 namespace eigencast {
 
-std::vector<float> crease_angles(std::span<const Face> faces, std::span<const float> positions) {
+std::vector<float> crease_angles(std::span<const Face> faces, std::span<const float> positions, bool* is_solid) {
   constexpr float kFolded = 3.14159265F;
   std::vector<float> angles(positions.size() / 3, 0);
   const auto point = [&](std::uint32_t v) {
@@ -20,7 +20,9 @@ std::vector<float> crease_angles(std::span<const Face> faces, std::span<const fl
   normals.reserve(faces.size());
   for (const auto& [a, b, c] : faces) normals.push_back(unit(cross(point(b) - point(a), point(c) - point(a))));
   const std::vector<EdgeUse> uses = edge_uses(faces, angles.size());
+  bool closed = uses.size() == 3 * faces.size();
   for_each_edge(std::span(uses), [&](std::span<const EdgeUse> edge) {
+    closed = closed && edge.size() == 2 && edge[0].upwards != edge[1].upwards;
     if (edge.size() < 2) return;
     const Vec3 &one = normals[edge[0].face], &other = normals[edge[1].face];
     if (edge.size() == 2 && (dot(one, one) == 0 || dot(other, other) == 0)) return;
@@ -29,6 +31,10 @@ std::vector<float> crease_angles(std::span<const Face> faces, std::span<const fl
     for (const std::uint32_t v : {edge[0].low, edge[0].high})
       angles[v] = std::max(angles[v], edge.size() > 2 ? kFolded : bend);
   });
+  if (is_solid == nullptr) return angles;
+  double volume = 0;  // sixfold
+  for (const auto& [a, b, c] : faces) volume += dot(point(a), cross(point(b), point(c)));
+  *is_solid = closed && volume > 0;
   return angles;
 }
 

@@ -47,6 +47,37 @@ Result<void> GlProgram::build(const std::string& name, const Shaders& shaders, s
   return fail(ErrorCode::kInternal, "shader " + name + " does not link: " + log.data());
 }
 
+Result<void> GlProgramFamily::init(const std::string& name, const GlProgram::Shaders& shaders,
+                                   std::vector<std::string> constants) {
+  name_ = name;
+  shaders_ = shaders;
+  constants_ = std::move(constants);
+  return build(std::vector<int>(constants_.size()));
+}
+
+const GlProgram& GlProgramFamily::with(const std::vector<int>& values) {
+  assert(values.size() == constants_.size());
+  if (const auto found = built_.find(values); found != built_.end()) return found->second;
+  [[maybe_unused]] const Result<void> built = build(values);
+  assert(built);
+  return built_.at(values);
+}
+
+Result<void> GlProgramFamily::build(const std::vector<int>& values) {
+  GlProgram::Shaders shaders = shaders_;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    for (const std::string type : {"int", "float"}) {
+      const std::string declared = "uniform " + type + " " + constants_[i] + ";";
+      if (const std::size_t at = shaders.fragment.find(declared); at != std::string::npos) {
+        shaders.fragment.replace(
+            at, declared.size(),
+            "const " + type + " " + constants_[i] + " = " + type + "(" + std::to_string(values[i]) + ");");
+      }
+    }
+  }
+  return built_[values].build(name_, shaders);
+}
+
 void bind_texture(GLuint unit, GLenum target, GLuint texture) {
   glActiveTexture(GL_TEXTURE0 + unit);
   glBindTexture(target, texture);
@@ -101,24 +132,41 @@ void GlPicture::resize(int width, int height, GLint format) {
 }
 
 void GlTarget::resize(int width, int height, int samples) {
-  if (width == width_ && height == height_) return;
+  if (width == width_ && height == height_ && samples == asked_) return;
   width_ = width;
   height_ = height;
+  asked_ = samples;
   // Drivers limit textures apart from renderbuffers, and refuse what asks for more.
   for (const GLenum limit : {GL_MAX_SAMPLES, GL_MAX_COLOR_TEXTURE_SAMPLES, GL_MAX_DEPTH_TEXTURE_SAMPLES}) {
     GLint here = 1;
     glGetIntegerv(limit, &here);
     samples = std::clamp(samples, 1, std::max(here, 1));
   }
-  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_.id());
-  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, width, height, GL_TRUE);
-  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, depth_.id());
-  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_DEPTH_COMPONENT24, width, height, GL_TRUE);
-  bind();
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_.id(), 0);
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D_MULTISAMPLE, depth_.id(), 0);
-  glGetIntegerv(GL_SAMPLES, &samples_);
   resolved_.resize(width, height);
+  drawing_.emplace();
+  depth_.emplace();
+  bind_texture(0, samples > 1 ? GL_TEXTURE_2D_MULTISAMPLE : GL_TEXTURE_2D, depth_->id());
+  if (samples > 1) {
+    glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_DEPTH_COMPONENT24, width, height, GL_TRUE);
+    sampled_colour_.emplace();
+    glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_->id());
+    glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, width, height, GL_TRUE);
+  } else {
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT24, width, height, 0, GL_DEPTH_COMPONENT, GL_UNSIGNED_INT,
+                 nullptr);
+    set_filter(GL_NEAREST);
+    sampled_colour_.reset();
+  }
+  samples_ = samples;
+  bind();
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, depth_kind(),
+                         sampled_colour_ ? sampled_colour_->id() : resolved_.texture(), 0);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, depth_kind(), depth_->id(), 0);
+  if (samples > 1) glGetIntegerv(GL_SAMPLES, &samples_);
+}
+
+void GlTarget::resolve() const {
+  if (samples_ > 1) copy_colours(drawing_->id(), resolved_.framebuffer(), width_, height_);
 }
 
 }  // namespace eigencast

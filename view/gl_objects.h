@@ -10,8 +10,11 @@
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
+#include <map>
+#include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "common/core/result.h"
 
@@ -45,6 +48,24 @@ class GlProgram final {
  private:
   GLint at(const char* name) const { return glGetUniformLocation(id_, name); }
   GLuint id_ = 0;
+};
+
+/// Programs in which some uniforms of `fragment` are constants: each combination is built when it is first used.
+/// Software renderers execute all branches that uniforms choose from. Needs its context current in every call.
+class GlProgramFamily final {
+ public:
+  /// constants: names of ints and floats. Builds the program of zeros. Errors: as GlProgram::build.
+  Result<void> init(const std::string& name, const GlProgram::Shaders& shaders, std::vector<std::string> constants);
+  /// REQUIRES: init() was good; a value for each constant.
+  const GlProgram& with(const std::vector<int>& values);
+
+ private:
+  Result<void> build(const std::vector<int>& values);
+
+  std::string name_;
+  GlProgram::Shaders shaders_;
+  std::vector<std::string> constants_;
+  std::map<std::vector<int>, GlProgram> built_;
 };
 
 /// A named OpenGL object. Needs its context current when made and when destroyed.
@@ -125,20 +146,21 @@ class GlPicture {
   int width_ = 0, height_ = 0;
 };
 
-/// A multisampled framebuffer with readable depth, and its resolved colours.
+/// A framebuffer of one or more samples a pixel with readable depth, and its resolved colours.
 class GlTarget final {
  public:
   void resize(int width, int height, int samples);
-  void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_.id()); }
-  void resolve() const { copy_colours(drawing_.id(), resolved_.framebuffer(), width_, height_); }
+  void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_->id()); }
+  void resolve() const;
   GLuint colour_texture() const { return resolved_.texture(); }
-  GLuint depth_texture() const { return depth_.id(); }
+  GLuint depth_texture() const { return depth_->id(); }
+  GLenum depth_kind() const { return samples_ > 1 ? GL_TEXTURE_2D_MULTISAMPLE : GL_TEXTURE_2D; }
   int samples() const { return samples_; }
 
  private:
-  int width_ = 0, height_ = 0, samples_ = 0;
-  GlTexture sampled_colour_, depth_;
-  GlFramebuffer drawing_;
+  int width_ = 0, height_ = 0, asked_ = 0, samples_ = 0;
+  std::optional<GlTexture> sampled_colour_, depth_;
+  std::optional<GlFramebuffer> drawing_;
   GlPicture resolved_;
 };
 

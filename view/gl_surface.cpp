@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "view/gl_surface.h"
 
+#include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
@@ -123,7 +124,8 @@ void GlSurface::place(const glm::mat4& scene_from_surface) {
   scene_from_normal_ =
       glm::mat3(glm::cross(linear[1], linear[2]), glm::cross(linear[2], linear[0]), glm::cross(linear[0], linear[1]));
   const float determinant = glm::determinant(linear);
-  if (determinant < 0) scene_from_normal_ = -scene_from_normal_;
+  is_mirrored_ = determinant < 0;
+  if (is_mirrored_) scene_from_normal_ = -scene_from_normal_;
   scale_ = std::cbrt(std::abs(determinant));
 }
 
@@ -133,6 +135,7 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
   if (other_maker || other_gpu) pose_version_ = level_version_ = topology_version_ = 0;
   if (other_maker) crease_version_ = 0;
   is_point_cloud_ = geometry.is_point_cloud;
+  is_solid_ = geometry.is_solid;
   spacing_ = geometry.point_spacing;
   glBindVertexArray(array_.id());
   if (std::exchange(pose_version_, geometry.pose_version) != geometry.pose_version) take_pose(geometry);
@@ -145,7 +148,11 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
 void GlSurface::take_pose(const SurfaceGeometry& geometry) {
   vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
   const GpuSurface* gpu = geometry.gpu.get();
+  bounds_.reset();
   if (gpu == nullptr) {
+    bounds_.emplace();
+    const std::vector<float>& at = geometry.positions;
+    for (std::size_t i = 0; i + 2 < at.size(); i += 3) bounds_->add({at[i], at[i + 1], at[i + 2]});
     positions_.replace(std::span<const float>(geometry.positions));
     normals_.replace(std::span<const float>(geometry.normals));
   }
@@ -159,6 +166,7 @@ void GlSurface::take_pose(const SurfaceGeometry& geometry) {
 
 void GlSurface::take_radii(const SurfaceGeometry& geometry) {
   has_discs_ = !geometry.radii.empty();
+  largest_radius_ = has_discs_ ? *std::max_element(geometry.radii.begin(), geometry.radii.end()) : 0;
   if (!has_discs_) return glDisableVertexAttribArray(kRadius);
   radii_.replace(std::span<const float>(geometry.radii));
   set_array(kRadius, radii_.id(), 1, 0);
@@ -179,6 +187,23 @@ void GlSurface::take_creases(const SurfaceGeometry& geometry) {
   set_array(kCrease, creases_.id(), 1, 0);
 }
 
+std::optional<Bounds> GlSurface::bounds() const {
+  if (!bounds_) return std::nullopt;
+  const glm::vec3 around(is_point_cloud_ ? std::max(largest_radius_, 1.2F * spacing_) : 0.4F * spacing_);
+  Bounds all;
+  for (const glm::vec3& corner : Bounds{bounds_->low - around, bounds_->high + around}.corners())
+    all.add(glm::vec3(scene_from_surface_ * glm::vec4(corner, 1)));
+  return all;
+}
+
+void GlSurface::draw_front_triangles() const {
+  if (is_solid_) glEnable(GL_CULL_FACE);
+  glFrontFace(is_mirrored_ ? GL_CW : GL_CCW);
+  draw_triangles();
+  glFrontFace(GL_CCW);
+  glDisable(GL_CULL_FACE);
+}
+
 void GlSurface::paint(const SurfacePaint& paint) {
   if (paint.version == paint_version_) return;
   paint_version_ = paint.version;
@@ -197,7 +222,6 @@ void GlSurface::paint(const SurfacePaint& paint) {
 }
 
 void GlSurface::bind(const GlProgram& program) const {
-  program.set("paint", paint_);
   program.set("colourfulness", colourfulness);
   program.set("scene_from_surface", scene_from_surface_);
   program.set("scene_from_normal", scene_from_normal_);
@@ -231,9 +255,9 @@ void GlTexturePaint::bind(const GlProgram& program) const {
   glActiveTexture(GL_TEXTURE0);
 }
 
-Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
-                            const std::string& fragment) {
-  return program.build("textured mesh", {renamed(vertex), kGeometry, before_fragment + kOwnPaint + fragment});
+GlProgram::Shaders textured_shaders(const std::string& vertex, const std::string& before_fragment,
+                                    const std::string& fragment) {
+  return {renamed(vertex), kGeometry, before_fragment + kOwnPaint + fragment};
 }
 
 }  // namespace eigencast

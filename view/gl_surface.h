@@ -5,8 +5,10 @@
 #include <glm/mat3x3.hpp>
 #include <glm/mat4x4.hpp>
 #include <memory>
+#include <optional>
 #include <string>
 
+#include "view/camera.h"
 #include "view/gl_objects.h"
 #include "view/paint.h"
 #include "view/rebuild.h"
@@ -46,7 +48,7 @@ class GlTexturePaint final {
  public:
   /// REQUIRES: paint.kind == kTexture.
   void follow(const SurfacePaint& paint);
-  /// REQUIRES: follow() was called; a program of build_textured().
+  /// REQUIRES: follow() was called; a program of textured_shaders().
   void bind(const GlProgram& program) const;
 
  private:
@@ -68,13 +70,18 @@ class GlSurface final {
 
   bool drawable() const { return visible && vertex_count_ > 0; }
   bool is_point_cloud() const { return is_point_cloud_; }
-  bool has_discs() const { return has_discs_; }        ///< Points with normals and radii.
-  float scale() const { return scale_; }               ///< From surface to scene.
+  bool has_discs() const { return has_discs_; }  ///< Points with normals and radii.
+  float scale() const { return scale_; }         ///< From surface to scene.
+  int paint_mode() const { return paint_; }      ///< Of shaders::kPaint.
+  /// What is drawn lies within, in the scene; nothing if only the GPU knows.
+  std::optional<Bounds> bounds() const;
   float spacing() const { return spacing_ * scale_; }  ///< Between points, scene units.
 
   /// Sets the program's transform and binds the arrays.
   void bind(const GlProgram& program) const;
   void draw_triangles() const { glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr); }
+  /// Without those that look away, where nothing else can be seen of them: of a solid.
+  void draw_front_triangles() const;
   void draw_points() const { glDrawArrays(GL_POINTS, 0, vertex_count_); }
 
   /// Null unless the surface is painted with its image.
@@ -98,15 +105,15 @@ class GlSurface final {
   std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0,
                 crease_version_ = 0;
   int paint_ = 0;  ///< Mode of shaders::kPaint.
-  bool is_point_cloud_ = false, has_discs_ = false;
-  float spacing_ = 0, scale_ = 1;
+  bool is_point_cloud_ = false, has_discs_ = false, is_solid_ = false, is_mirrored_ = false;
+  float spacing_ = 0, scale_ = 1, largest_radius_ = 0;
+  std::optional<Bounds> bounds_;  ///< Of the vertices, surface units.
   glm::mat4 scene_from_surface_{1};
   glm::mat3 scene_from_normal_{1};
 };
 
-/// Builds the vertex shader of meshes, a geometry shader that gives corners their UVs, and `fragment` with own_paint().
-/// Errors: kInternal.
-Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
-                            const std::string& fragment);
+/// The vertex shader of meshes, a geometry shader that gives corners their UVs, and `fragment` with own_paint().
+GlProgram::Shaders textured_shaders(const std::string& vertex, const std::string& before_fragment,
+                                    const std::string& fragment);
 
 }  // namespace eigencast

@@ -34,6 +34,7 @@ struct SurfaceGeometry {
   std::vector<float> creases;  ///< crease_angles() of the rest pose, of all vertices; empty: smooth everywhere.
   std::uint64_t crease_version = 0;
   bool is_point_cloud = false;
+  bool is_solid = false;    ///< Its faces enclose a volume and look outwards: nothing is seen of their other side.
   float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.
 
   std::shared_ptr<GpuSurface> gpu;  ///< If the GPU has rebuilt it.

@@ -2,9 +2,11 @@
 #include "view/renderer.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 #include "view/gl_objects.h"
@@ -14,6 +16,24 @@
 
 namespace eigencast {
 namespace {
+
+/// The last pass: of a picture of as many pixels or of fewer, of several samples or of one.
+std::string finish_shader(bool scaled, bool single) {
+  std::string shader = shaders::kFinishFragment;
+  const auto replace = [&shader](std::string_view old, const std::string& by) {
+    shader.replace(shader.find(old), old.size(), by);
+  };
+  if (scaled) {
+    replace("void main() {", std::string(shaders::kScaledUp) + "void main() {");
+    replace("ivec2(gl_FragCoord.xy)", "ivec2(uv * vec2(textureSize(picture, 0)))");
+    replace("texelFetch(picture, px, 0)", "scaled_up()");
+  }
+  if (single) {
+    replace("sampler2DMS", "sampler2D");
+    replace("textureSize(depth)", "textureSize(depth, 0)");
+  }
+  return shader;
+}
 
 /// For the shader of meshes.
 float crease_from(const DrawStyle& style) {
@@ -27,56 +47,81 @@ class Renderer::Impl {
   Result<void> init() {
     const void* name = glGetString(GL_RENDERER);
     device_ = name == nullptr ? "unknown" : static_cast<const char*>(name);
-    struct Source {
-      GlProgram& program;
-      const char* name;
-      std::string vertex, fragment;
-    };
     const std::string paint = std::string(shaders::kLighting) + shaders::kPaint;
-    for (const Source& source :
-         {Source{mesh_, "mesh", shaders::kMeshVertex, paint + shaders::kMeshPaint + shaders::kMeshFragment},
-          Source{line_, "line", shaders::kMeshVertex, shaders::kLineFragment},
-          Source{splat_, "splat", shaders::kSplatVertex, paint + shaders::kSplatFragment},
-          Source{finish_, "finish", shaders::kScreenVertex, shaders::kFinishFragment}}) {
-      const auto built = source.program.build(source.name, {source.vertex, {}, source.fragment});
-      if (!built) return built;
+    const GlProgram::Shaders textured = textured_shaders(shaders::kMeshVertex, paint, shaders::kMeshFragment);
+    const std::string mesh = paint + shaders::kMeshPaint + shaders::kMeshFragment;
+    Result<void> built = mesh_.init("mesh", {shaders::kMeshVertex, {}, mesh}, {"paint", "shadow_saving"});
+    if (built) built = textured_.init("textured mesh", textured, {"paint", "shadow_saving"});
+    if (built) {
+      const std::string splat = paint + shaders::kSplatFragment;
+      built = splat_.init("splat", {shaders::kSplatVertex, {}, splat}, {"paint", "shadow_saving"});
     }
-    const auto textured = build_textured(textured_, shaders::kMeshVertex, paint, shaders::kMeshFragment);
-    if (!textured) return textured;
+    if (built) built = line_.build("line", {shaders::kMeshVertex, {}, shaders::kLineFragment});
+    for (const bool scaled : {false, true}) {
+      for (const bool single : {false, true}) {
+        const GlProgram::Shaders finish{shaders::kScreenVertex, {}, finish_shader(scaled, single)};
+        if (built) built = finish_[scaled][single].init("finish", finish, {"dome"});
+      }
+    }
+    if (!built) return built;
     if (const Result<void> ready = painter_.init(); !ready) return ready;
     if (const Result<void> ready = lighting_.init(); !ready) return ready;
     return surroundings_.init();
   }
 
   void draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target) {
-    target_.resize(width, height, kSamples);
-    lighting_.cast(camera, surfaces_);
+    const PictureQuality& quality = options.quality;
+    const float scale = std::clamp(quality.scale, PictureQuality::kMinScale, 1.0F);
+    const auto scaled = [scale](int side) {
+      return std::max(1, static_cast<int>(std::lround(scale * static_cast<float>(side))));
+    };
+    const int drawn_width = scaled(width), drawn_height = scaled(height);
+    target_.resize(drawn_width, drawn_height, quality.samples);
+    lighting_.cast(camera, surfaces_, quality.shadow);
+    // Alpha is coverage: colours of a transparent picture are premultiplied.
+    glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ONE, GL_ONE_MINUS_SRC_ALPHA);
+    glDisable(GL_BLEND);
+    const bool any = std::any_of(surfaces_.begin(), surfaces_.end(), [](const auto& s) { return s->drawable(); });
+    Surroundings::Floor floor{options.grid && !options.transparent, any, options.pixel_scale, width, height};
+    // Of the wall and the floor behind it each pixel is drawn once, whatever is before them.
+    if (!options.transparent) {
+      glBindFramebuffer(GL_FRAMEBUFFER, target);
+      glViewport(0, 0, width, height);
+      glDisable(GL_SCISSOR_TEST);
+      lighting_.bind();
+      surroundings_.draw_wall();
+      if (quality.ground) surroundings_.draw_floor(camera, lighting_, floor);
+    }
+    const PixelBox part = part_with_surfaces(camera, options, drawn_width, drawn_height);
+    if (part.empty()) return;
     target_.bind();
-    glViewport(0, 0, width, height);
-    glDisable(GL_SCISSOR_TEST);
+    glViewport(0, 0, drawn_width, drawn_height);
+    glEnable(GL_SCISSOR_TEST);
+    constexpr int kBeside = 3;  // what scaling up reads beside a part
+    glScissor(part.x - kBeside, part.y - kBeside, part.width + 2 * kBeside, part.height + 2 * kBeside);
     glClearDepth(1);
     glDepthMask(GL_TRUE);
     glClearColor(0, 0, 0, 0);
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-    // Alpha is coverage: colours of a transparent picture are premultiplied.
-    glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ONE, GL_ONE_MINUS_SRC_ALPHA);
-    if (!options.transparent) surroundings_.draw_wall();
     use_colour_table(options.colour_map);
     lighting_.bind();
     glEnable(GL_DEPTH_TEST);
-    draw_surfaces(camera, options, height);
+    const float pixel_scale = scale * options.pixel_scale;
+    draw_surfaces(camera, options, drawn_height, pixel_scale);
     const glm::mat4 clip_from_scene = camera.clip_from_view() * camera.view_from_scene();
-    if (options.edges && !options.points && !options.wireframe) draw_edges(clip_from_scene, options.pixel_scale);
-    const bool any = std::any_of(surfaces_.begin(), surfaces_.end(), [](const auto& s) { return s->drawable(); });
-    surroundings_.draw_floor(camera, lighting_, {options.grid && !options.transparent, any, options.pixel_scale});
-    if (options.axes) surroundings_.draw_axes(camera, options.pixel_scale);
-    painter_.draw(markup_, clip_from_scene, width, height);
+    if (options.edges && !options.points && !options.wireframe) draw_edges(clip_from_scene, pixel_scale);
+    if (options.transparent && quality.ground) {
+      floor = {false, any, pixel_scale, drawn_width, drawn_height};
+      surroundings_.draw_floor(camera, lighting_, floor);
+      glEnable(GL_SCISSOR_TEST);
+    }
+    if (options.axes) surroundings_.draw_axes(camera, pixel_scale);
+    painter_.draw(markup_, clip_from_scene, drawn_width, drawn_height);
     glDisable(GL_DEPTH_TEST);
     target_.resolve();
-    finish_picture(camera, target);
+    finish_picture(camera, options, scale, {width, height}, part, target);
   }
 
-  static constexpr int kSamples = 4;
   GlTarget target_;
   GlPicture offscreen_;
   std::string device_;
@@ -84,26 +129,32 @@ class Renderer::Impl {
   Markup markup_;
 
  private:
-  void draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const {
+  /// The variant for a surface, lit; `ready`: the one in use.
+  const GlProgram& program_for(GlProgramFamily& family, const GlSurface& surface, const Camera& camera,
+                               const RenderOptions& options, const GlProgram*& ready) const {
+    const GlProgram& program = family.with({surface.paint_mode(), static_cast<int>(options.quality.shadow)});
+    if (std::exchange(ready, &program) == &program) return program;
+    lighting_.light(program, camera);
+    program.set("colour_table", 1);
+    program.set("crease_from", crease_from(options));
+    program.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
+    return program;
+  }
+
+  void draw_surfaces(const Camera& camera, const RenderOptions& options, int height, float pixel_scale) {
     const auto as_points = [&](const GlSurface& surface) { return surface.is_point_cloud() || options.points; };
+    const GlProgram* ready = nullptr;
     const auto draw_meshes = [&] {
       for (const auto& surface : surfaces_) {
         if (!surface->drawable() || as_points(*surface)) continue;
         // Edges have no image: Mesa's software renderer draws no lines after a geometry shader.
         const bool with_image = surface->texture() != nullptr && !options.wireframe;
-        const GlProgram& program = with_image ? textured_ : mesh_;
-        program.use();
+        const GlProgram& program = program_for(with_image ? textured_ : mesh_, *surface, camera, options, ready);
         surface->bind(program);
         if (with_image) surface->texture()->bind(program);
-        surface->draw_triangles();
+        surface->draw_front_triangles();
       }
     };
-    for (const GlProgram* program : {&mesh_, &textured_, &splat_}) {
-      lighting_.light(*program, camera);
-      program->set("colour_table", 1);
-      program->set("crease_from", crease_from(options));
-      program->set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
-    }
     // Only under lines: the slope term would let back faces shine through along the silhouette.
     if (options.edges || options.wireframe) glEnable(GL_POLYGON_OFFSET_FILL);
     glPolygonOffset(1, 1);
@@ -114,23 +165,23 @@ class Renderer::Impl {
     if (options.wireframe) {
       glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
       glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
-      set_line_width(options.pixel_scale);
+      set_line_width(pixel_scale);
       draw_meshes();
       glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
     }
 
-    splat_.use();
-    splat_.set("view_from_scene", camera.view_from_scene());
-    splat_.set("clip_from_view", camera.clip_from_view());
-    splat_.set("pixel_scale", options.pixel_scale);
-    splat_.set("px_per_unit", 0.5F * static_cast<float>(height) / std::tan(0.5F * Camera::kFieldOfView));
     glEnable(GL_PROGRAM_POINT_SIZE);
     for (const auto& surface : surfaces_) {
       if (!surface->drawable() || !as_points(*surface)) continue;
-      surface->bind(splat_);
+      const GlProgram& program = program_for(splat_, *surface, camera, options, ready);
+      program.set("view_from_scene", camera.view_from_scene());
+      program.set("clip_from_view", camera.clip_from_view());
+      program.set("pixel_scale", pixel_scale);
+      program.set("px_per_unit", 0.5F * static_cast<float>(height) / std::tan(0.5F * Camera::kFieldOfView));
+      surface->bind(program);
       const float scale = surface->is_point_cloud() ? 1.15F : 0.32F;
-      splat_.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
-      splat_.set("discs", surface->has_discs() ? surface->scale() : 0.0F);
+      program.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
+      program.set("discs", surface->has_discs() ? surface->scale() : 0.0F);
       surface->draw_points();
     }
   }
@@ -165,29 +216,60 @@ class Renderer::Impl {
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   }
 
-  void finish_picture(const Camera& camera, unsigned target) const {
+  /// Of the picture drawn, with room for lines and points.
+  PixelBox part_with_surfaces(const Camera& camera, const RenderOptions& options, int width, int height) const {
+    PixelBox part;
+    const float margin = 4 + 2 * options.pixel_scale;
+    const glm::mat4 clip_from_scene = camera.clip_from_view() * camera.view_from_scene();
+    const PixelBox all{0, 0, width, height};
+    if (options.transparent || options.axes || has_markup()) return all;
+    for (const auto& surface : surfaces_) {
+      if (!surface->drawable()) continue;
+      const std::optional<Bounds> bounds = surface->bounds();
+      if (!bounds) return all;
+      part = part.with(pixels_of(bounds->corners(), clip_from_scene, width, height, margin));
+    }
+    return part;
+  }
+
+  bool has_markup() const { return !markup_.lines.empty() || !markup_.dots.empty() || markup_.frame; }
+
+  void finish_picture(const Camera& camera, const RenderOptions& options, float scale, const glm::ivec2& size,
+                      const PixelBox& part, unsigned target) {
     glBindFramebuffer(GL_FRAMEBUFFER, target);
-    finish_.use();
-    bind_texture(1, GL_TEXTURE_2D_MULTISAMPLE, target_.depth_texture());
-    bind_texture(0, GL_TEXTURE_2D, target_.colour_texture());
-    finish_.set("picture", 0);
-    finish_.set("depth", 1);
+    glViewport(0, 0, size.x, size.y);
+    const auto shown = [scale](int side) { return static_cast<int>(std::floor(static_cast<float>(side) / scale)); };
+    const int x = shown(part.x), y = shown(part.y);
+    glScissor(x, y, shown(part.x + part.width) + 1 - x, shown(part.y + part.height) + 1 - y);
+    if (!options.transparent) glEnable(GL_BLEND);
     const bool all_clouds =
         !surfaces_.empty() && std::all_of(surfaces_.begin(), surfaces_.end(), [](const auto& surface) {
           return (surface->is_point_cloud() && !surface->has_discs()) || !surface->drawable();
         });
-    finish_.set("dome", all_clouds ? 90.0F : 0.0F);
+    const GlProgram& finish = finish_[scale < 1][target_.samples() == 1].with({all_clouds ? 90 : 0});
+    finish.use();
+    bind_texture(1, target_.depth_kind(), target_.depth_texture());
+    bind_texture(0, GL_TEXTURE_2D, target_.colour_texture());
+    set_filter(scale < 1 ? GL_LINEAR : GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    finish.set("picture", 0);
+    finish.set("depth", 1);
     const glm::mat4 clip_from_view = camera.clip_from_view();
     const float m = clip_from_view[2][2], k = clip_from_view[3][2];
-    finish_.set("near_far", glm::vec2(k / (m - 1), k / (m + 1)));
+    finish.set("near_far", glm::vec2(k / (m - 1), k / (m + 1)));
     glBindVertexArray(none_.id());
     glDrawArrays(GL_TRIANGLES, 0, 3);
+    glDisable(GL_BLEND);
+    glDisable(GL_SCISSOR_TEST);
   }
 
   MarkupPainter painter_;
   Lighting lighting_;
   Surroundings surroundings_;
-  GlProgram mesh_, textured_, line_, splat_, finish_;
+  GlProgramFamily mesh_, textured_, splat_;
+  std::array<std::array<GlProgramFamily, 2>, 2> finish_;  ///< Scaled up, single sample.
+  GlProgram line_;
   GlArray none_;
   GlTexture colour_table_;
   std::optional<ColourMap> colour_map_;  ///< In the table.

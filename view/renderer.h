@@ -18,6 +18,7 @@ namespace eigencast {
 struct RenderOptions : DrawStyle {
   float pixel_scale = 1;                    ///< Pixels to one at 96 dpi: the width of lines and the smallest points.
   std::array<float, 2> colour_range{0, 1};  ///< The values at the ends of the colour map.
+  PictureQuality quality;
 };
 
 /// Windows and headless rendering give the same picture. The OpenGL context of its creation must be current in every
@@ -48,7 +49,7 @@ class Renderer final {
   static void copy_to_window(unsigned source, int width_px, int height_px);
 
   static int max_texture_side();      ///< That the GPU takes.
-  int samples() const;                ///< Per pixel, as the driver gave them.
+  int samples() const;                ///< Per pixel of the last picture, as the driver gave them.
   const std::string& device() const;  ///< The driver's name for itself.
   static void finish();               ///< Waits until everything has been drawn.
 

@@ -10,27 +10,18 @@
 #include <optional>
 #include <utility>
 
+#include "view/camera.h"
+
 namespace eigencast {
 namespace {
 
 constexpr float kRowGap = 0.12F;    // between surfaces of a row, of the wider one; and between rows
 constexpr std::size_t kMaxRow = 6;  // more surfaces take several rows
 
-struct SceneBox {
-  glm::vec3 low{std::numeric_limits<float>::max()}, high{std::numeric_limits<float>::lowest()};
-  void add(const glm::vec3& point) {
-    low = glm::min(low, point);
-    high = glm::max(high, point);
-  }
-};
-
-SceneBox box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface) {
-  SceneBox box;
-  for (int corner = 0; corner < 8; ++corner) {
-    const glm::vec3 p((corner & 1) != 0 ? facts.high.x : facts.low.x, (corner & 2) != 0 ? facts.high.y : facts.low.y,
-                      (corner & 4) != 0 ? facts.high.z : facts.low.z);
-    box.add(glm::vec3(scene_from_surface * glm::vec4(p, 1)));
-  }
+Bounds box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface) {
+  Bounds box;
+  for (const glm::vec3& corner : Bounds{facts.low, facts.high}.corners())
+    box.add(glm::vec3(scene_from_surface * glm::vec4(corner, 1)));
   return box;
 }
 
@@ -44,7 +35,7 @@ class Rows {
         depth_(up == Asset::UpAxis::kZ ? 1 : 2),
         away_(up == Asset::UpAxis::kZ ? 1.0F : -1.0F) {}
 
-  glm::vec3 shift(const SceneBox& box) {
+  glm::vec3 shift(const Bounds& box) {
     if (in_row_ == longest_) {
       in_row_ = 0;
       ++row_;
@@ -144,7 +135,7 @@ void Scene::set_rebuilder(SurfaceRebuilder* rebuilder) {
 
 void Scene::place(std::span<PoseSource* const> sources) {
   std::uint64_t seen = 0;
-  SceneBox all;
+  Bounds all;
   Asset::UpAxis up = Asset::UpAxis::kUnknown;
   std::optional<Rows> rows;
   for (Instance& instance : instances_) {
@@ -154,7 +145,7 @@ void Scene::place(std::span<PoseSource* const> sources) {
     if (up == Asset::UpAxis::kUnknown) up = facts.up_axis;
     const std::optional<glm::mat4> world = world_of(*sources[instance.placement.source]);
     instance.scene_from_surface = instance.placement.scene_from_world * world.value_or(glm::mat4(1));
-    SceneBox box = box_in_scene(facts, instance.scene_from_surface);
+    Bounds box = box_in_scene(facts, instance.scene_from_surface);
     if (row_ && !world) {
       if (!rows) rows.emplace(instances_.size(), up);
       const glm::vec3 shift = rows->shift(box);

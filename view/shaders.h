@@ -63,24 +63,29 @@ vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
 })";
 
 /// For all that receives the shadow: 12 taps on a spiral, rotated per pixel, the outermost first; where four of those
-/// agree the others are skipped.
+/// agree the others are skipped. A small map has these four alone, nearer and not rotated. The loop's length is not
+/// constant, so that no compiler unrolls it: software renderers execute all of what is unrolled.
 inline constexpr const char* kLighting = R"(#version 330 core
 uniform sampler2DShadow shadow_map;
 uniform mat4 light_from_scene;
 uniform float shadow_blur;
+uniform int shadow_saving;  // ShadowQuality
 float lit_by_key(vec3 at, float bias) {
+  if (shadow_saving == 2) return 1.0;
   vec4 p = light_from_scene * vec4(at, 1.0);
   vec3 q = 0.5 * p.xyz / p.w + 0.5;
   if (any(lessThan(q.xy, vec2(0.0))) || any(greaterThan(q.xy, vec2(1.0)))) return 1.0;
-  float turn = 6.2831853 * fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
-  float sum = 0.0;
-  for (int i = 11; i >= 0; --i) {
-    if (i == 7 && (sum == 0.0 || sum == 4.0)) return 0.25 * sum;
-    float r = sqrt((float(i) + 0.5) / 12.0) * shadow_blur;
-    float a = 2.3999632 * float(i) + turn;
-    sum += texture(shadow_map, vec3(q.xy + r * vec2(cos(a), sin(a)), q.z - bias));
-  }
-  return sum / 12.0;
+  float noise = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
+  float turn = shadow_saving == 1 ? 0.0 : 26.3995952 + 6.2831853 * noise;
+  vec2 to = (shadow_saving == 1 ? 0.5 : 1.0) * shadow_blur * vec2(cos(turn), sin(turn));
+  float sum = 0.0, tap = 11.5, last = 8.0;
+  do {
+    sum += texture(shadow_map, vec3(q.xy + sqrt(tap / 12.0) * to, q.z - bias));
+    to = vec2(-0.7373688 * to.x + 0.6754903 * to.y, -0.6754903 * to.x - 0.7373688 * to.y);
+    if (shadow_saving == 0 && tap == 8.5 && sum > 0.0 && sum < 4.0) last = 0.0;
+    tap -= 1.0;
+  } while (tap > last);
+  return sum / (12.0 - last);
 }
 vec3 shown(vec3 linear) {
   linear = linear * (1.0 + linear / 6.0) / (1.0 + 0.45 * linear);
@@ -136,7 +141,7 @@ void main() {
   // The eye decides, not the winding, so that mixed orientation looks right.
   bool inside = !gl_FrontFacing;
   if (dot(n, eye - at) < 0.0 && inside) n = -n;
-  float shadow = lit_by_key(at + normal_offset * n, 0.0008);
+  float shadow = dot(n, key_light) > 0.0 ? lit_by_key(at + normal_offset * n, 0.0008) : 0.0;
   colour = finished(at, n, own_paint(), inside, shadow);
 })";
 
@@ -207,7 +212,7 @@ void main() {
   n = normalize(n);
   // Seen from behind, but not at the rim.
   if (dot(n, normalize(eye - scene_centre)) < (discs > 0.0 ? -0.3 : 0.0)) n = -n;
-  float shadow = lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002);
+  float shadow = dot(n, key_light) > 0.0 ? lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002) : 0.0;
   colour = finished(scene_centre, n, painted, false, shadow);
 })";
 
@@ -295,5 +300,20 @@ void main() {
   }
   colour = vec4(c, premultiplied.a);
 })";
+
+/// For kFinishFragment: a picture of fewer pixels, by the cubic of Catmull, Rom 1974, in five reads.
+inline constexpr const char* kScaledUp = R"(
+vec4 scaled_up() {
+  vec2 size = vec2(textureSize(picture, 0)), at = uv * size, middle = floor(at - 0.5) + 0.5, f = at - middle;
+  vec2 w0 = f * (-0.5 + f * (1.0 - 0.5 * f)), w1 = 1.0 + f * f * (-2.5 + 1.5 * f);
+  vec2 w2 = f * (0.5 + f * (2.0 - 1.5 * f)), w3 = f * f * (-0.5 + 0.5 * f), w12 = w1 + w2;
+  vec2 a = (middle - 1.0) / size, b = (middle + w2 / w12) / size, c = (middle + 2.0) / size;
+  vec4 sum = w12.x * w12.y * texture(picture, b) + w0.x * w12.y * texture(picture, vec2(a.x, b.y)) +
+             w3.x * w12.y * texture(picture, vec2(c.x, b.y)) + w12.x * w0.y * texture(picture, vec2(b.x, a.y)) +
+             w12.x * w3.y * texture(picture, vec2(b.x, c.y));
+  float weight = w12.x * w12.y + (w0.x + w3.x) * w12.y + w12.x * (w0.y + w3.y);
+  return clamp(sum / weight, 0.0, 1.0);
+}
+)";
 
 }  // namespace eigencast::shaders

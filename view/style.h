@@ -35,6 +35,19 @@ struct DrawStyle {
   ColourMap colour_map = ColourMap::kViridis;  ///< For surfaces painted with numbers.
 };
 
+/// How the key light's shadow is drawn: blurred from a large map, from a small one with fewer taps, or not at all.
+enum class ShadowQuality { kFull, kSmall, kNone };
+
+/// What a picture may do without, to be in time.
+struct PictureQuality {
+  static constexpr float kMinScale = 0.5F;
+  float scale = 1;  ///< Pixels drawn to one shown, along each side; kMinScale to 1.
+  int samples = 4;  ///< Of each pixel drawn, as far as the driver gives them; >= 1.
+  ShadowQuality shadow = ShadowQuality::kFull;
+  bool ground = true;  ///< The floor, with grid and shadow.
+  bool operator==(const PictureQuality&) const = default;
+};
+
 struct Style : DrawStyle {
   bool legend = true;  ///< Where there is one to show.
   SurfacePainter::Wish colour;

@@ -239,7 +239,9 @@ void SurfaceView::update_facts(const Asset& asset) {
     facts_.high = glm::max(facts_.high, point);
   }
   geometry_.creases.clear();
-  if (asset.complete() && asset.faces.size() <= kMaxCreasedFaces) geometry_.creases = crease_angles(asset.faces, rest);
+  geometry_.is_solid = false;
+  if (asset.complete() && asset.faces.size() <= kMaxCreasedFaces)
+    geometry_.creases = crease_angles(asset.faces, rest, &geometry_.is_solid);
   ++geometry_.crease_version;
   facts_.up_axis = asset.up_axis;
   ++facts_.version;

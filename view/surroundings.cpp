@@ -8,6 +8,8 @@
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "view/gl_surface.h"
 #include "view/shaders.h"
@@ -15,7 +17,8 @@
 namespace eigencast {
 namespace {
 
-constexpr int kShadowSide = 1024;
+constexpr float kReach = 2.2F;        // of the shadow map, in radii: a deforming surface leaves its rest box
+constexpr float kFloorBlur = 0.012F;  // of the shadow map's side
 constexpr glm::vec3 kClay{0.70F, 0.185F, 0.115F};
 constexpr glm::vec3 kClayInside{0.24F, 0.30F, 0.38F};
 
@@ -32,31 +35,47 @@ Result<void> Lighting::init() {
   const auto built = shadow_.build("shadow", {shaders::kShadowVertex, {}, shaders::kShadowFragment});
   if (!built) return built;
   glBindTexture(GL_TEXTURE_2D, shadows_.id());
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT24, kShadowSide, kShadowSide, 0, GL_DEPTH_COMPONENT, GL_FLOAT,
-               nullptr);
   set_filter(GL_LINEAR);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, shadows_.id(), 0);
   glDrawBuffer(GL_NONE);
   glReadBuffer(GL_NONE);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
   return {};
 }
 
-void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces) {
+void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces, ShadowQuality quality) {
+  quality_ = quality;
   key_ = light_beside(camera, -0.62F, 1.15F, 0.62F);
   fill_ = light_beside(camera, 0.9F, 0.15F, 0.45F);
   const glm::vec3 centre = camera.scene_centre(), up = camera.up_vector();
-  const float reach = 2.2F * camera.scene_radius();  // a deforming surface leaves its rest box
+  const float reach = kReach * camera.scene_radius();
   const glm::vec3 beside = std::abs(glm::dot(key_, up)) > 0.99F ? glm::vec3(up.y, up.z, up.x) : up;
   light_from_scene_ = glm::ortho(-reach, reach, -reach, reach, 0.0F, 4 * reach) *
                       glm::lookAt(centre + 2 * reach * key_, centre, beside);
+  casters_.emplace();
+  for (const auto& surface : surfaces) {
+    if (!surface->drawable() || !casters_) continue;
+    const std::optional<Bounds> bounds = surface->bounds();
+    if (!bounds) {
+      casters_.reset();
+    } else {
+      casters_->add(bounds->low);
+      casters_->add(bounds->high);
+    }
+  }
+  if (quality == ShadowQuality::kNone) return;
 
+  const int side = quality == ShadowQuality::kFull ? 1024 : 512;
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
-  glViewport(0, 0, kShadowSide, kShadowSide);
+  if (std::exchange(side_, side) != side) {
+    bind();
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT24, side, side, 0, GL_DEPTH_COMPONENT, GL_FLOAT, nullptr);
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, shadows_.id(), 0);
+  }
+  glViewport(0, 0, side, side);
   glDepthMask(GL_TRUE);
   glClear(GL_DEPTH_BUFFER_BIT);
   glEnable(GL_DEPTH_TEST);
@@ -67,12 +86,26 @@ void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurf
     if (!surface->drawable()) continue;
     surface->bind(shadow_);
     if (surface->is_point_cloud()) {
-      shadow_.set("point_px", std::max(1.0F, surface->spacing() * kShadowSide / reach));
+      shadow_.set("point_px", std::max(1.0F, surface->spacing() * static_cast<float>(side) / reach));
       surface->draw_points();
     } else {
-      surface->draw_triangles();
+      surface->draw_front_triangles();
     }
   }
+}
+
+PixelBox Lighting::shadow_on(const Camera& camera, float level, int width_px, int height_px) const {
+  if (quality_ == ShadowQuality::kNone || (casters_ && casters_->empty())) return {};
+  const glm::vec3 up = camera.up_vector(), side = glm::vec3(up.y, up.z, up.x), other = glm::cross(up, side);
+  const float fall = glm::dot(key_, up), blur = 2.2F * kFloorBlur * kReach * camera.scene_radius();
+  if (!casters_ || fall < 0.05F) return {0, 0, width_px, height_px};
+  std::vector<glm::vec3> edge;
+  for (const glm::vec3& corner : casters_->corners()) {
+    const glm::vec3 below = corner - (glm::dot(corner, up) - level) / fall * key_;
+    for (const glm::vec3& around : {side + other, side - other, other - side, -side - other})
+      edge.push_back(below + blur / fall * around);
+  }
+  return pixels_of(edge, camera.clip_from_view() * camera.view_from_scene(), width_px, height_px, 1);
 }
 
 void Lighting::light(const GlProgram& program, const Camera& camera) const {
@@ -93,7 +126,7 @@ void Lighting::light(const GlProgram& program, const Camera& camera) const {
 Result<void> Surroundings::init() {
   const std::string ground = std::string(shaders::kLighting) + shaders::kGroundFragment;
   auto built = wall_.build("wall", {shaders::kScreenVertex, {}, shaders::kBackgroundFragment});
-  if (built) built = floor_.build("floor", {shaders::kGroundVertex, {}, ground});
+  if (built) built = floor_.init("floor", {shaders::kGroundVertex, {}, ground}, {"shadow_saving"});
   if (built) built = line_.build("axes", {shaders::kMeshVertex, {}, shaders::kLineFragment});
   if (!built) return built;
   glBindVertexArray(axes_.id());
@@ -111,29 +144,45 @@ void Surroundings::draw_wall() const {
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-void Surroundings::draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor) const {
+void Surroundings::draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor) {
   const glm::vec3 up = camera.up_vector();
   const float radius = camera.scene_radius(), level = glm::dot(camera.scene_low(), up) - 0.02F * radius;
   if (glm::dot(camera.position(), up) <= level) return;  // seen from below it would hide the surface
-  const glm::vec3 a = glm::vec3(up.y, up.z, up.x), b = glm::cross(up, a);
-  const glm::vec3 centre = camera.scene_centre(), extent = camera.scene_high() - camera.scene_low();
-  const float reach = 4 * radius;
-  const float across = std::max(glm::length(extent - glm::dot(extent, up) * up), 0.2F * radius);
-  lighting.light(floor_, camera);
-  floor_.set("ground_centre", centre + (level - glm::dot(centre, up)) * up);
-  floor_.set("ground_a", reach * a);
-  floor_.set("ground_b", reach * b);
-  floor_.set("grid_cells", 20.0F);
-  floor_.set("grid_strength", floor.grid ? 1.0F : 0.0F);
-  floor_.set("pixel_scale", floor.pixel_scale);
-  floor_.set("contact_radius", floor.shadow ? 0.5F * across / reach : 1e-4F);
-  floor_.set("shadow_blur", 0.012F);
+  const PixelBox shadow = lighting.shadow_on(camera, level, floor.width_px, floor.height_px);
   glEnable(GL_BLEND);
+  glEnable(GL_SCISSOR_TEST);
   glDepthMask(GL_FALSE);
   glBindVertexArray(none_.id());
-  glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+  const auto draw = [](const PixelBox& part) {
+    if (part.empty()) return;
+    glScissor(part.x, part.y, part.width, part.height);
+    glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+  };
+  use_floor(camera, lighting, floor, level, ShadowQuality::kNone);
+  for (const PixelBox& part : shadow.around(floor.width_px, floor.height_px)) draw(part);
+  use_floor(camera, lighting, floor, level, lighting.quality());
+  draw(shadow);
   glDepthMask(GL_TRUE);
+  glDisable(GL_SCISSOR_TEST);
   glDisable(GL_BLEND);
+}
+
+void Surroundings::use_floor(const Camera& camera, const Lighting& lighting, const Floor& floor, float level,
+                             ShadowQuality shadow) {
+  const glm::vec3 up = camera.up_vector(), centre = camera.scene_centre();
+  const glm::vec3 a = glm::vec3(up.y, up.z, up.x), extent = camera.scene_high() - camera.scene_low();
+  const float reach = 4 * camera.scene_radius();
+  const float across = std::max(glm::length(extent - glm::dot(extent, up) * up), 0.05F * reach);
+  const GlProgram& program = floor_.with({static_cast<int>(shadow)});
+  lighting.light(program, camera);
+  program.set("ground_centre", centre + (level - glm::dot(centre, up)) * up);
+  program.set("ground_a", reach * a);
+  program.set("ground_b", reach * glm::cross(up, a));
+  program.set("grid_cells", 20.0F);
+  program.set("grid_strength", floor.grid ? 1.0F : 0.0F);
+  program.set("pixel_scale", floor.pixel_scale);
+  program.set("contact_radius", floor.shadow ? 0.5F * across / reach : 1e-4F);
+  program.set("shadow_blur", kFloorBlur);
 }
 
 void Surroundings::draw_axes(const Camera& camera, float pixel_scale) const {

@@ -4,11 +4,13 @@
 #include <glm/mat4x4.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "common/core/result.h"
 #include "view/camera.h"
 #include "view/gl_objects.h"
+#include "view/style.h"
 
 namespace eigencast {
 
@@ -20,7 +22,10 @@ class Lighting final {
   /// Errors: as GlProgram::build.
   Result<void> init();
   /// Places the lights beside the camera and renders the shadow map, whose framebuffer stays bound.
-  void cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces);
+  void cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces, ShadowQuality quality);
+  /// Where the shadow falls on a floor at that height, as far as is known.
+  PixelBox shadow_on(const Camera& camera, float level, int width_px, int height_px) const;
+  ShadowQuality quality() const { return quality_; }  ///< As cast.
   void bind() const { bind_texture(0, GL_TEXTURE_2D, shadows_.id()); }
   /// Uses a program of shaders::kLighting.
   void light(const GlProgram& program, const Camera& camera) const;
@@ -29,6 +34,9 @@ class Lighting final {
   GlProgram shadow_;
   GlTexture shadows_;
   GlFramebuffer framebuffer_;
+  int side_ = 0;                   ///< Of the shadow map.
+  std::optional<Bounds> casters_;  ///< What casts the shadow lies within; nothing if only the GPU knows.
+  ShadowQuality quality_ = ShadowQuality::kFull;
   glm::vec3 key_{0, 1, 0}, fill_{0, 0, 1};
   glm::mat4 light_from_scene_{1};
 };
@@ -43,13 +51,16 @@ class Surroundings final {
     bool grid = true;
     bool shadow = true;     ///< Where surfaces touch it.
     float pixel_scale = 1;  ///< Width of the grid's lines.
+    int width_px = 0, height_px = 0;
   };
   /// REQUIRES: lighting.bind().
-  void draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor) const;
+  void draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor);
   void draw_axes(const Camera& camera, float pixel_scale) const;
 
  private:
-  GlProgram wall_, floor_, line_;
+  void use_floor(const Camera& camera, const Lighting& lighting, const Floor& floor, float level, ShadowQuality shadow);
+  GlProgram wall_, line_;
+  GlProgramFamily floor_;
   GlArray none_, axes_;
   GlBuffer ends_;
 };

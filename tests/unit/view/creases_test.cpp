@@ -51,6 +51,26 @@ TEST(Creases, AnglesAreThoseBetweenFaces) {
   for (const float angle : crease_angles(std::vector<Face>{{0, 1, 2}, {2, 1, 0}}, line)) EXPECT_EQ(angle, 0);
 }
 
+TEST(Creases, SolidsAreClosedAndLookOutwards) {
+  const SurfaceGeometry g = cube();
+  const auto is_solid = [&](const std::vector<Face>& faces) {
+    bool solid = false;
+    crease_angles(faces, g.positions, &solid);
+    return solid;
+  };
+  const std::vector<Face> faces = faces_of(g);
+  std::vector<Face> other = faces;
+  for (Face& face : other) std::swap(face[0], face[1]);
+  EXPECT_NE(is_solid(faces), is_solid(other)) << "one of them looks inwards";
+  other = is_solid(faces) ? faces : other;
+  EXPECT_TRUE(is_solid(other));
+  std::swap(other.back()[0], other.back()[1]);
+  EXPECT_FALSE(is_solid(other)) << "a face is turned";
+  other.pop_back();
+  EXPECT_FALSE(is_solid(other)) << "a face is missing";
+  EXPECT_FALSE(is_solid({}));
+}
+
 class CreasedPictures : public testing::OffscreenPictures {
  protected:
   Picture draw(const SurfaceGeometry& geometry, Normals normals, float crease_deg = 40) {

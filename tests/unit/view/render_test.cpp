@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <glm/ext/matrix_transform.hpp>
 
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
@@ -119,6 +121,64 @@ TEST_F(Render, EdgesAreSmoothedByFourSamples) {
     }
   }
   EXPECT_GT(between, 20);
+}
+
+TEST_F(Render, LowerQualityLooksAlike) {
+  FakeSource source(sphere_asset(4));
+  SurfaceView scene;
+  const Picture full = picture_of(source, scene);
+  const auto difference = [&](const PictureQuality& quality) {
+    options_.quality = quality;
+    return mean_difference(full, picture_of(source, scene));
+  };
+  double last = 0;
+  for (const float scale : {0.9F, 0.7F, 0.5F}) {
+    const double found = difference({.scale = scale});
+    EXPECT_GT(found, 0);
+    EXPECT_LT(found, 1) << scale;
+    last = std::max(last, found);
+  }
+  EXPECT_GT(difference({.samples = 1}), 0);
+  EXPECT_EQ(renderer_->samples(), 1);
+  EXPECT_LT(difference({.samples = 1}), last) << "the rims alone";
+  const double small = difference({.shadow = ShadowQuality::kSmall});
+  const double none = difference({.shadow = ShadowQuality::kNone});
+  EXPECT_LT(small, 0.5 * none);
+  EXPECT_GT(difference({.ground = false}), none) << "its shadow and its lines";
+  EXPECT_EQ(difference({}), 0) << "and back";
+}
+
+TEST_F(Render, OnlyTheNewPoseIsSeen) {
+  FakeSource source(sphere_asset(3));
+  SurfaceView scene;
+  picture_of(source, scene);
+  for (const float scale : {1.0F, 0.5F}) {
+    options_.quality.scale = scale;
+    const auto moved_to = [&](float x) {
+      renderer_->place(0, glm::translate(glm::mat4(1), glm::vec3(x, 0, 0)));
+      return picture_of(source, scene);
+    };
+    const Picture there = moved_to(0.7F);
+    moved_to(-0.7F);
+    EXPECT_EQ(there.rgb, moved_to(0.7F).rgb) << scale;
+    renderer_->place(0, glm::mat4(1), false);
+    EXPECT_EQ(silhouette_of(picture_of(source, scene)).area, 0) << scale;
+  }
+}
+
+TEST_F(Render, ASolidNeedsNoBackFaces) {
+  FakeSource source(sphere_asset(4));
+  SurfaceView scene;
+  const Picture solid = picture_of(source, scene);
+  ASSERT_TRUE(scene.geometry().is_solid);
+  SurfaceGeometry open = scene.geometry();
+  open.is_solid = false;
+  renderer_->upload(0, open);
+  const auto both_sides = renderer_->picture(camera_, options_, kWidth, kHeight);
+  ASSERT_TRUE(both_sides);
+  EXPECT_LT(mean_difference(solid, *both_sides), 1e-3);
+  renderer_->place(0, glm::scale(glm::mat4(1), glm::vec3(-1, 1, 1)));
+  EXPECT_NEAR(silhouette_of(picture_of(source, scene)).area, silhouette_of(solid).area, 20) << "mirrored";
 }
 
 TEST_F(Render, EmptySceneDraws) {
