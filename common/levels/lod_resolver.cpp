@@ -164,7 +164,7 @@ void BudgetResolver::learn(double seconds) {
 }
 
 void BudgetResolver::judge(double min_cost, double seconds) {
-  const double frame = 1 / settings_.f0;
+  const double frame = frame_s();
   const bool at_min = drawn_ <= min_cost * (1 + kDeadBand);
   const bool hopeless = at_min && seconds > frame && fixed_ > frame;
   const bool hopeful = fixed_ + slope_ * min_cost < margin_.fill() * frame;
@@ -175,11 +175,11 @@ void BudgetResolver::judge(double min_cost, double seconds) {
 }
 
 double BudgetResolver::wanted_vertices(double min_cost, double max_cost) const {
-  const double planned = within_reach_ ? margin_.fill() / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * min_cost);
+  const double planned = within_reach_ ? margin_.fill() * frame_s() : (1 + kShare) * (fixed_ + slope_ * min_cost);
   double wanted = std::clamp((planned - fixed_) / slope_, 0.0, max_cost);
   if (drawn_ <= 0) return wanted;
   // The part of the vertices that is in time if they took all of the last frame's time.
-  const double part = samples_.empty() ? 1 : margin_.fill() / settings_.f0 / samples_.back().seconds;
+  const double part = samples_.empty() ? 1 : margin_.fill() * frame_s() / samples_.back().seconds;
   wanted = std::clamp(wanted, drawn_ * std::min(kFall, part), drawn_ * kGrowth);
   const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < max_cost;
   return small ? drawn_ : wanted;
@@ -194,13 +194,13 @@ std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> o
   }
   if (drawn > 0 && drawn_ > 0) drawn_ = drawn;
   if (is_usable(last) && drawn_ > 0) {
-    learn(last->seconds);
-    judge(min_cost, last->seconds);
+    learn(last->seconds / time_left_);
+    judge(min_cost, last->seconds / time_left_);
   }
   auto n = split_budget(objects, wanted_vertices(min_cost, max_cost));
   drawn_ = 0;
   for (std::size_t i = 0; i < n.size(); ++i) drawn_ += objects[i].vertex_cost * n[i];
-  planned_ = (fixed_ + slope_ * drawn_) * settings_.f0;
+  planned_ = (fixed_ + slope_ * drawn_) / frame_s();
   return n;
 }
 

@@ -145,6 +145,14 @@ class BudgetResolver final : public LodResolver {
   /// The planned work of the last frame, as a part of 1 / f0.
   double state() const override { return planned_; }
 
+  /// The part of its time that a picture takes from now on (default: 1). Seconds given, and the budget, are divided by
+  /// it.
+  void set_time_left(double part) { time_left_ = part; }
+  double fixed_s() const { return fixed_; }       ///< a
+  double slope_s() const { return slope_; }       ///< b
+  double drawn() const { return drawn_; }         ///< V of the last frame.
+  double fill() const { return margin_.fill(); }  ///< The part of 1 / f0 to plan for.
+
  private:
   struct Sample {
     double vertices;
@@ -152,11 +160,13 @@ class BudgetResolver final : public LodResolver {
   };
   void learn(double seconds);
   void judge(double min_cost, double seconds);
+  double frame_s() const { return 1 / (settings_.f0 * time_left_); }
   double wanted_vertices(double min_cost, double max_cost) const;
 
   Settings settings_;
   double slope_;
   double fixed_ = 0;
+  double time_left_ = 1;
   DriftingValue rest_;  ///< Times of frames minus b V.
   double planned_ = 0;
   double drawn_ = 0;          ///< V of the last frame.

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "common/levels/lod_resolver.h"
+
+namespace eigencast {
+
+/// Something that pictures may do without, in steps.
+struct QualityKnob {
+  /// Of the last step's error and saving.
+  struct Step {
+    double error = 0, saved = 0;
+  };
+  double error = 0;         ///< What the last step adds to the difference from the full picture; the unit of all knobs.
+  double saved = 0;         ///< The part of a picture's time that the last step saves; below 1.
+  std::vector<Step> steps;  ///< From {0, 0}, full quality, to {1, 1}.
+};
+
+/// Keeps each picture's work within its time by what costs least to the eye: gives up, of picture quality and vertices
+/// together, what adds the least image error for the time that is wanted. Clockless. Not thread-safe.
+///
+/// A picture takes c (a + b V): a, b and V as of BudgetResolver, which splits V; c is the product of what the knobs'
+/// steps leave. Their errors add up; fewer vertices add vertex_error (Vmax / V - 1). Of all combinations that with the
+/// least error in time is taken, as the model says. Savings are estimates until measured: by trial() at the start and
+/// again now and then, and by each change.
+///
+/// A change needs kLearn pictures since the last one and an error less by kBetter. One that costs time needs a wait,
+/// too, which doubles whenever such a change had to be undone, so that nothing oscillates.
+class QualityControl final {
+ public:
+  static constexpr int kLearn = 4;             ///< Pictures that measure a change.
+  static constexpr int kWait = 30;             ///< Pictures at least before quality rises.
+  static constexpr int kLongestWait = 960;     ///< Likewise, at most.
+  static constexpr int kTrialEvery = 300;      ///< Pictures between trials while something is lowered.
+  static constexpr double kBetter = 0.1;       ///< Of the error.
+  static constexpr double kFewVertices = 0.2;  ///< Fewer are drawn only if that saves kWorthwhile of the time.
+  static constexpr double kWorthwhile = 0.05;
+
+  struct Settings {
+    BudgetResolver::Settings budget;
+    std::vector<QualityKnob> knobs;
+    double vertex_error = 0;  ///< Of half the vertices, in the knobs' unit.
+    bool trials = true;       ///< The caller measures what trial() asks for.
+  };
+  explicit QualityControl(const Settings& settings);
+
+  /// For each knob its step, for each object its level. last: the work of the last picture, drawn as chosen.
+  struct Choice {
+    std::vector<std::size_t> steps;
+    std::vector<std::uint32_t> levels;
+  };
+  Choice choose(std::span<const ObjectView> objects, std::optional<FrameWork> last);
+
+  /// A knob whose last step is to be drawn beside the next picture, the other knobs as they are. Asked once.
+  std::optional<std::size_t> trial();
+  /// saved: part of the picture's time; error: the difference of the two pictures. Ignored if not finite.
+  void measured(std::size_t knob, double saved, double error);
+
+  const std::vector<QualityKnob>& knobs() const { return settings_.knobs; }
+  bool lowered() const;
+  /// The planned work of the last picture, as a part of 1 / f0.
+  double state() const { return levels_.state(); }
+
+ private:
+  using Steps = std::vector<std::size_t>;
+  struct Scene {
+    double least, most;  ///< V
+  };
+  double time_left(const Steps& steps) const;
+  double error_of(const Steps& steps, const Scene& scene, double budget_s) const;
+  Steps best(const Scene& scene, double budget_s) const;
+  void learn(double seconds);
+  void adapt(const Scene& scene);
+  void change_to(const Steps& steps);
+
+  Settings settings_;
+  BudgetResolver levels_;
+  Steps steps_;
+  std::vector<double> ratios_;          ///< Of times to predictions since a change.
+  std::optional<std::size_t> changed_;  ///< The knob that saves most of those that changed.
+  double changed_part_ = 0;             ///< Of that knob's saving, by the lower step.
+  std::size_t next_trial_ = 0;
+  bool trial_wanted_ = false;
+  int pictures_ = 0, since_change_ = 0, since_trial_ = 0, wait_ = kWait;
+  bool rose_ = false;  ///< By the last change.
+};
+
+}  // namespace eigencast

@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: MIT
+#include "common/levels/quality_control.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <random>
+
+namespace eigencast {
+namespace {
+
+constexpr double kF0 = 20;
+
+/// A machine on which a picture takes (fixed + vertices V) times what the knobs leave, with noise.
+struct KnobMachine {
+  double fixed = 0.05, vertices = 0.05;  ///< Seconds; `vertices`: of all of them.
+  std::vector<double> saved{0.5, 0.4, 0.4};
+  std::vector<double> error{0.4, 0.15, 3};
+  double noise = 0.03;
+  std::function<double(int)> load = [](int) { return 1.0; };  ///< By the number of the picture.
+};
+
+/// What the controller believes before it measures, wrong on purpose.
+QualityControl::Settings guesses_for(const KnobMachine& machine, bool trials) {
+  QualityControl::Settings settings;
+  settings.budget.f0 = kF0;
+  settings.vertex_error = 0.16;
+  settings.trials = trials;
+  const std::vector<QualityKnob::Step> two{{0, 0}, {1, 1}};
+  settings.knobs = {{0.4, 0.3, {{0, 0}, {0.2, 0.4}, {0.5, 0.75}, {1, 1}}}, {0.2, 0.3, two}, {2.5, 0.3, two}};
+  settings.knobs.resize(machine.saved.size());
+  return settings;
+}
+
+struct PlayedPictures {
+  std::vector<double> seconds, levels, errors;
+  std::vector<std::vector<std::size_t>> steps;
+  int changes(std::size_t from, std::size_t to) const {
+    int count = 0;
+    for (std::size_t i = from + 1; i < to; ++i) count += steps[i] != steps[i - 1] ? 1 : 0;
+    return count;
+  }
+  double late(std::size_t from, std::size_t to) const {
+    return std::count_if(seconds.begin() + static_cast<long>(from), seconds.begin() + static_cast<long>(to),
+                         [](double s) { return s > 1.1 / kF0; }) /
+           static_cast<double>(to - from);
+  }
+};
+
+double left_by_knobs(const KnobMachine& machine, const std::vector<QualityKnob>& knobs,
+                     const std::vector<std::size_t>& steps) {
+  double left = 1;
+  for (std::size_t k = 0; k < steps.size(); ++k) left *= 1 - machine.saved[k] * knobs[k].steps[steps[k]].saved;
+  return left;
+}
+
+double error_by_knobs(const KnobMachine& machine, const std::vector<QualityKnob>& knobs,
+                      const std::vector<std::size_t>& steps, double level) {
+  double error = 0.4 * machine.error[0] * (1 / level - 1);
+  for (std::size_t k = 0; k < steps.size(); ++k) error += machine.error[k] * knobs[k].steps[steps[k]].error;
+  return error;
+}
+
+PlayedPictures played_on(const KnobMachine& machine, int pictures, bool trials = true) {
+  QualityControl control(guesses_for(machine, trials));
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal;
+  constexpr std::uint32_t kVertices = 50'000;
+  ObjectView object{kVertices, 1000, 1, 500, 1};
+  PlayedPictures result;
+  std::optional<FrameWork> last;
+  TimeUs now = 0;
+  for (int i = 0; i < pictures; ++i) {
+    const auto choice = control.choose({&object, 1}, last);
+    object.drawn = choice.levels[0];
+    const double level = choice.levels[0] / double{kVertices};
+    const double seconds = machine.load(i) * left_by_knobs(machine, control.knobs(), choice.steps) *
+                           (machine.fixed + machine.vertices * level) * std::exp(machine.noise * normal(random));
+    if (const auto knob = control.trial()) control.measured(*knob, machine.saved[*knob], machine.error[*knob]);
+    now += static_cast<TimeUs>(1e6 * seconds);
+    last = FrameWork{now, seconds};
+    result.seconds.push_back(seconds);
+    result.levels.push_back(level);
+    result.steps.push_back(choice.steps);
+    result.errors.push_back(error_by_knobs(machine, control.knobs(), choice.steps, level));
+  }
+  return result;
+}
+
+/// The least error of all combinations and levels that are in time on average, planning for `part` of the time.
+double least_error(const KnobMachine& machine, double part) {
+  const auto knobs = guesses_for(machine, true).knobs;
+  double least = 1e9;
+  for (std::size_t a = 0; a < 4; ++a) {
+    for (const std::size_t b : {0U, 1U}) {
+      for (const std::size_t c : {0U, 1U}) {
+        const double room = part / kF0 / left_by_knobs(machine, knobs, {a, b, c}) - machine.fixed;
+        const double level = std::min(1.0, room / machine.vertices);
+        if (level > 0.02) least = std::min(least, error_by_knobs(machine, knobs, {a, b, c}, level));
+      }
+    }
+  }
+  return least;
+}
+
+TEST(QualityControl, AFastMachineGivesUpNothing) {
+  const PlayedPictures fast = played_on({.fixed = 0.015, .vertices = 0.02}, 600);
+  EXPECT_EQ(fast.changes(0, 600), 0);
+  EXPECT_EQ(fast.steps.back(), (std::vector<std::size_t>{0, 0, 0}));
+  EXPECT_EQ(fast.levels.back(), 1);
+}
+
+TEST(QualityControl, GivesUpWhatIsLeastSeen) {
+  // Of what is in time the least error, up to the room that noise needs, on machines of different costs.
+  for (const KnobMachine& machine :
+       {KnobMachine{}, KnobMachine{.fixed = 0.07, .vertices = 0.03}, KnobMachine{.fixed = 0.02, .vertices = 0.2},
+        KnobMachine{.saved = {0.6, 0.05, 0.3}}, KnobMachine{.error = {0.4, 0.9, 0.2}}}) {
+    const PlayedPictures found = played_on(machine, 900);
+    double error = 0;
+    for (std::size_t i = 600; i < 900; ++i) error += found.errors[i] / 300;
+    EXPECT_LE(error, 1.3 * least_error(machine, 0.85)) << machine.fixed << " " << machine.saved[1];
+    EXPECT_LE(found.late(100, 900), 0.06);
+    EXPECT_LE(found.changes(300, 900), 2) << "it has settled";
+  }
+}
+
+TEST(QualityControl, LearnsByChangingWhereNothingIsMeasuredBeside) {
+  const KnobMachine machine{.fixed = 0.06, .vertices = 0.06, .saved = {0.55, 0.5, 0.2}};
+  const PlayedPictures found = played_on(machine, 900, false);
+  EXPECT_LE(found.late(150, 900), 0.06);
+  EXPECT_LE(found.changes(400, 900), 2);
+  EXPECT_GT(found.levels.back(), 0.3);
+}
+
+TEST(QualityControl, WhatSavesNothingStays) {
+  // Samples cost nothing, as on most graphics cards; the shadow is dear.
+  const PlayedPictures found = played_on({.fixed = 0.05, .vertices = 0.05, .saved = {0.5, 0, 0.4}}, 600);
+  for (std::size_t i = 300; i < 600; ++i) ASSERT_EQ(found.steps[i][1], 0U);
+}
+
+TEST(QualityControl, RecoversAfterALoad) {
+  const KnobMachine machine{
+      .fixed = 0.02, .vertices = 0.015, .load = [](int i) { return i > 200 && i < 500 ? 4.0 : 1.0; }};
+  const PlayedPictures found = played_on(machine, 1500);
+  EXPECT_NE(found.steps[450], (std::vector<std::size_t>{0, 0, 0}));
+  EXPECT_LE(found.late(260, 490), 0.1);
+  EXPECT_EQ(found.steps.back(), (std::vector<std::size_t>{0, 0, 0}));
+  EXPECT_EQ(found.levels.back(), 1);
+}
+
+TEST(QualityControl, NeverOscillates) {
+  // A load that swings just where the choice turns over, more slowly than it is learned, or faster.
+  for (const int period : {40, 200, 700}) {
+    const KnobMachine machine{.load = [period](int i) { return 1 + 0.2 * std::sin(6.2831853 * i / period); }};
+    EXPECT_LE(played_on(machine, 6000).changes(200, 6000), 60) << period;
+    EXPECT_LE(played_on(machine, 12'000).changes(6000, 12'000), 40) << period << ": and ever less";
+  }
+}
+
+TEST(QualityControl, FewVerticesAreNoSavingWhereTheyCostNothing) {
+  // The picture alone takes twice its time, and vertices nearly nothing.
+  const KnobMachine machine{.fixed = 0.4, .vertices = 0.01};
+  const PlayedPictures found = played_on(machine, 400);
+  EXPECT_GE(*std::min_element(found.levels.begin() + 20, found.levels.end()), QualityControl::kFewVertices - 1e-4);
+}
+
+TEST(QualityControl, UsesTheTimeWhileSomethingIsLowered) {
+  const PlayedPictures found = played_on({.fixed = 0.03, .vertices = 0.08}, 900);
+  std::vector<double> used;
+  for (std::size_t i = 100; i < 900; ++i) {
+    if (found.levels[i] < 0.999) used.push_back(found.seconds[i] * kF0);
+  }
+  ASSERT_GT(used.size(), 200U);
+  std::sort(used.begin(), used.end());
+  EXPECT_GE(used[used.size() / 20], 0.8);
+}
+
+}  // namespace
+}  // namespace eigencast
