@@ -76,6 +76,25 @@ std::string text_from_levels(const LevelControl& levels, double work_s) {
                                     : formatted(" \xC2\xB7 %.0f %% planned", 100 * levels.state()));
 }
 
+std::string text_from_lowered(const LevelControl& levels, const HudFigures& figures) {
+  const PictureQuality& quality = levels.quality();
+  std::vector<std::string> parts;
+  if (quality.scale < 1) parts.push_back(formatted("pixels %.0f %%", 100 * static_cast<double>(quality.scale)));
+  if (quality.samples == 1) parts.emplace_back("1 sample");
+  if (quality.shadow != ShadowQuality::kFull)
+    parts.emplace_back(quality.shadow == ShadowQuality::kSmall ? "small shadow" : "no shadow");
+  if (!quality.ground) parts.emplace_back("no ground");
+  if (levels.active() && figures.vertices < figures.vertices_total)
+    parts.push_back(formatted(
+        "vertices %.0f %%", 100 * static_cast<double>(figures.vertices) / static_cast<double>(figures.vertices_total)));
+  if (parts.empty()) return {};
+  std::string text = levels.settings().quality == QualityMode::kLow
+                         ? std::string("low quality as asked: ")
+                         : formatted("lowered to hold %.4g/s: ", levels.settings().target_fps);
+  for (const std::string& part : parts) text += (&part == &parts.front() ? "" : ", ") + part;
+  return text;
+}
+
 std::vector<std::string> hud_lines(const HudFigures& f) {
   std::vector<std::string> lines;
   lines.push_back(
@@ -92,6 +111,7 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   if (f.received) lines.push_back(f.mode);
   if (!f.shown.empty()) lines.push_back(f.shown);
   if (!f.resolver.empty()) lines.push_back(f.resolver);
+  if (!f.lowered.empty()) lines.push_back(f.lowered);
   lines.push_back(formatted("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank) +
                   (f.rebuilt.empty() ? "" : " \xC2\xB7 " + f.rebuilt));
   if (f.levels.size() > 1) lines.push_back(text_from_each(f.levels));

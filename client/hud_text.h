@@ -22,6 +22,7 @@ struct HudFigures {
   std::uint32_t bands = 0, bands_total = 0, rank = 0;
   std::string rebuilt;   ///< From text_from_rebuilt.
   std::string resolver;  ///< From text_from_levels; empty without a resolver.
+  std::string lowered;   ///< From text_from_lowered; empty if nothing is.
   std::string shown;     ///< From text_from_shown.
   std::string mode;      ///< From text_from_mode.
 };
@@ -42,6 +43,9 @@ std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 
 /// "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);
+
+/// "lowered to hold 60/s: pixels 71 %, 1 sample, small shadow, vertices 62 %": what was given up and why.
+std::string text_from_lowered(const LevelControl& levels, const HudFigures& figures);
 
 /// The most important first; Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);

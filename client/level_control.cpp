@@ -2,19 +2,78 @@
 #include "client/level_control.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <utility>
 
 #include "common/core/text.h"
 
 namespace eigencast {
 
-LevelControl::LevelControl(const LevelSettings& settings) : settings_(settings) {}
+namespace {
+
+constexpr std::array<float, 5> kScales{1, 0.84F, 0.71F, 0.59F, PictureQuality::kMinScale};
+constexpr PictureQuality kLow{PictureQuality::kMinScale, 1, ShadowQuality::kSmall, true};
+enum Knob : std::size_t { kScale, kSamples, kShadow, kGround, kKnobs };
+
+/// What llvmpipe saves, and by how much pictures of horses and hearts change (mean of all channels, of 255), until it
+/// is measured here.
+std::vector<QualityKnob> usual_knobs() {
+  std::vector<QualityKnob> knobs(kKnobs);
+  knobs[kScale] = {0.25, 0.3, {}};
+  for (const float scale : kScales)
+    knobs[kScale].steps.push_back({1 / double{scale} - 1, (1 - double{scale} * double{scale}) / 0.75});
+  knobs[kSamples] = {0.1, 0.35, {{0, 0}, {1, 1}}};
+  knobs[kShadow] = {2.4, 0.5, {{0, 0}, {0.22, 0.5}, {1, 1}}};
+  knobs[kGround] = {3.7, 0.1, {{0, 0}, {1, 1}}};
+  return knobs;
+}
+
+PictureQuality quality_from_steps(std::span<const std::size_t> steps) {
+  return {kScales[steps[kScale]], steps[kSamples] == 0 ? 4 : 1, static_cast<ShadowQuality>(steps[kShadow]),
+          steps[kGround] == 0};
+}
+
+}  // namespace
+
+LevelControl::LevelControl(const LevelSettings& settings)
+    : settings_(settings), quality_(settings.quality == QualityMode::kLow ? kLow : PictureQuality()) {}
+
+std::optional<PictureQuality> LevelControl::trial() {
+  tried_ = control_ && !still_ ? control_->trial() : std::nullopt;
+  if (!tried_) return std::nullopt;
+  PictureQuality other = quality_;
+  if (*tried_ == kScale) other.scale = kScales.back();
+  if (*tried_ == kSamples) other.samples = 1;
+  if (*tried_ == kShadow) other.shadow = ShadowQuality::kNone;
+  if (*tried_ == kGround) other.ground = false;
+  return other;
+}
+
+void LevelControl::measured(double saved, double error) {
+  if (control_ && tried_) control_->measured(*tried_, saved, error);
+}
+
+bool LevelControl::set_still(bool still) {
+  const bool sharpens = still && !still_ && lowered_;
+  still_ = still;
+  return sharpens;
+}
+
+std::vector<std::uint32_t> LevelControl::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
+  if (!control_) return resolver_->resolve(objects, last);
+  QualityControl::Choice choice = control_->choose(objects, last);
+  quality_ = quality_from_steps(choice.steps);
+  return std::move(choice.levels);
+}
 
 void LevelControl::set_kind(ResolverKind kind) {
   if (kind == settings_.kind) return;
   settings_.kind = kind;
   resolver_.reset();
+  control_.reset();
+  if (settings_.quality == QualityMode::kAuto) quality_ = {};
 }
 
 void LevelControl::make_resolver(const Camera& camera) {
@@ -22,6 +81,10 @@ void LevelControl::make_resolver(const Camera& camera) {
     BudgetResolver::Settings settings;
     settings.f0 = settings_.target_fps;
     settings.deadline = settings_.deadline;
+    constexpr double kOfHalfThePixels = 0.4;  // what half of the vertices change, of what half of the pixels do
+    const auto knobs = usual_knobs();
+    if (settings_.quality == QualityMode::kAuto)
+      return void(control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfThePixels * knobs[kScale].error}));
     resolver_ = std::make_unique<BudgetResolver>(settings);
   } else {
     PaperResolver::Settings settings;
@@ -42,7 +105,9 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
     instance.view.set_px_per_unit(static_cast<double>(extent.scale) *
                                   camera.max_px_per_unit(extent.barycentre, extent.radius));
   }
-  if (!active()) {
+  if (!active() || still_) {
+    was_still_ = still_;
+    if (settings_.quality == QualityMode::kAuto) quality_ = {};
     for (Scene::Instance& instance : instances) instance.view.set_max_vertices(std::nullopt);
     return;
   }
@@ -55,8 +120,11 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
     views.push_back(&instance.view);
   }
   if (objects.empty()) return;
-  if (!resolver_) make_resolver(camera);
-  const std::vector<std::uint32_t> levels = resolver_->resolve(objects, last);
+  if (!has_resolver()) make_resolver(camera);
+  if (std::exchange(was_still_, false)) last.reset();  // of a picture that nothing was lowered in
+  const std::vector<std::uint32_t> levels = resolve(objects, last);
+  lowered_ = settings_.quality == QualityMode::kAuto && quality_ != PictureQuality();
+  for (std::size_t i = 0; i < views.size(); ++i) lowered_ |= levels[i] < objects[i].max;
   for (std::size_t i = 0; i < views.size(); ++i) views[i]->set_max_vertices(levels[i]);
 }
 

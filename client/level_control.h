@@ -7,8 +7,10 @@
 
 #include "common/core/text.h"
 #include "common/levels/lod_resolver.h"
+#include "common/levels/quality_control.h"
 #include "view/camera.h"
 #include "view/scene.h"
+#include "view/style.h"
 
 namespace eigencast {
 
@@ -17,7 +19,14 @@ enum class ResolverKind { kNone, kBudget, kPaper };
 
 inline constexpr EnumNames<ResolverKind, 3> kResolverNames{{"none", "budget", "paper"}};
 
+/// How pictures are drawn: what is least seen goes first (kBudget only), all of it, or as quickly as can be.
+enum class QualityMode { kAuto, kFull, kLow };
+
+inline constexpr EnumNames<QualityMode, 3> kQualityNames{{"auto", "full", "low"}};
+inline constexpr EnumNames<ShadowQuality, 3> kShadowNames{{"full", "small", "none"}};
+
 struct LevelSettings {
+  QualityMode quality = QualityMode::kFull;
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
   /// In times of 1 / target_fps: 1 for a display, where a late picture waits for the next refresh; 1.25 without one.
@@ -27,7 +36,8 @@ struct LevelSettings {
   std::optional<double> near, far;
 };
 
-/// Lets a LodResolver choose the levels of a scene's surfaces. Not thread-safe.
+/// Lets a LodResolver choose the levels of a scene's surfaces, or a QualityControl these and how pictures are drawn.
+/// Not thread-safe.
 class LevelControl {
  public:
   explicit LevelControl(const LevelSettings& settings);
@@ -36,16 +46,31 @@ class LevelControl {
   /// REQUIRES: `sources` are those that the scene advances with.
   void choose(Scene& scene, std::span<PoseSource* const> sources, const Camera& camera, std::optional<FrameWork> last);
 
+  /// For the next picture.
+  const PictureQuality& quality() const { return quality_; }
+  /// What to draw beside the next picture, once, and what that gave; see QualityControl::trial().
+  std::optional<PictureQuality> trial();
+  void measured(double saved, double error);
+
+  /// A still picture has time: it gets all. True if that changes it.
+  bool set_still(bool still);
+
   void set_kind(ResolverKind kind);
   ResolverKind kind() const { return settings_.kind; }
   const LevelSettings& settings() const { return settings_; }
-  double state() const { return resolver_ ? resolver_->state() : 0; }
+  double state() const { return control_ ? control_->state() : resolver_ ? resolver_->state() : 0; }
   bool active() const { return settings_.kind != ResolverKind::kNone; }
 
  private:
   void make_resolver(const Camera& camera);
+  bool has_resolver() const { return resolver_ != nullptr || control_; }
+  std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last);
 
   LevelSettings settings_;
+  PictureQuality quality_;
+  std::optional<QualityControl> control_;  ///< Instead of resolver_.
+  std::optional<std::size_t> tried_;       ///< The knob of the last trial().
+  bool still_ = false, was_still_ = false, lowered_ = false;
   std::unique_ptr<LodResolver> resolver_;
 };
 

@@ -32,6 +32,7 @@ class WorkClock final {
     if (began_us_) spent_us_ += now_us - *began_us_;
     began_us_.reset();
   }
+  TimeUs spent_us() const { return spent_us_; }
   /// Returns the sum and begins the next picture.
   TimeUs take() { return std::exchange(spent_us_, 0); }
 

@@ -42,8 +42,8 @@ constexpr const char* kExitStatus = R"(0 good
 )";
 
 struct RawOptions {
-  std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "auto", colour_map = "viridis",
-              colour_range, normals = "crease", rate, scheme, playout = "latest", context, film;
+  std::string reconstruct = "auto", scene, resolver, quality, size = "1280x720", colour = "auto",
+              colour_map = "viridis", colour_range, normals = "crease", rate, scheme, playout = "latest", context, film;
   Credentials credentials;
   int k = 3, bands = 8;
   double crease_deg = 40, delay_ms = 0, smooth = 1, ahead_ms = 200, fps = 60, seconds = 0;
@@ -254,6 +254,9 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--target-fps", "--lod-floor"},
        options.headless && options.levels.kind == ResolverKind::kNone,
        "goes with --resolver budget or paper"},
+      {{"--quality"},
+       raw.quality == "auto" && options.levels.kind != ResolverKind::kBudget,
+       "auto goes with --resolver budget"},
       {{"--colour-map", "--colour-range", "--truth"},
        options.headless && !numbers,
        "goes with --colour movement, speed, channel or error"},
@@ -373,6 +376,10 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
          "what chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, none "
          "(default headless)",
          Choices{"budget", "paper", "none"}},
+        {"--quality", &raw.quality,
+         "how pictures are drawn: auto (pixels, samples, shadow, ground and vertices go so that pictures come in time, "
+         "what is least seen first; default with --resolver budget), full, low",
+         Choices{"auto", "full", "low"}},
         {"--target-fps", &options.levels.target_fps,
          "pictures a second that the resolver holds (default: the display's, headless 60)", Range{1, 1000}},
         {"--lod-floor", &options.levels.floor, "smallest part of its vertices that a surface keeps", Range{0, 1}, true},
@@ -448,6 +455,8 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   }
   const ResolverKind usual = options.headless ? ResolverKind::kNone : ResolverKind::kBudget;
   options.levels.kind = kResolverNames.find(raw.resolver).value_or(usual);
+  const bool adapts = !options.headless || options.levels.kind == ResolverKind::kBudget;
+  options.levels.quality = kQualityNames.find(raw.quality).value_or(adapts ? QualityMode::kAuto : QualityMode::kFull);
   options.reconstruct = kRebuildOnNames.find(raw.reconstruct).value_or(RebuildOn::kAuto);
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && !line.has("--target-fps");

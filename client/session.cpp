@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cstdlib>
 #include <thread>
 #include <utility>
 
@@ -102,8 +103,9 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   const bool received = poll(timeout);
   work_.start(steady_now_us());
   const TimeUs now = film_us.value_or(steady_now_us());
+  const bool sharpens = look_still(camera, now);
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
-  const bool changed = scene_.advance(sources(), now);
+  const bool changed = scene_.advance(sources(), now) || sharpens;
   frame_scene(camera);
   connections_.refresh(now);
   const Subscriber::Stats& stats = connections_.stats();
@@ -118,6 +120,15 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   remember(now);
   work_.stop(steady_now_us());
   return changed;
+}
+
+/// Pictures that come slowly are not still in between.
+bool Session::look_still(const Camera& camera, TimeUs now_us) {
+  constexpr TimeUs kStill = 60'000, kStopped = 500'000;
+  const std::uint64_t pose = scene_.poses_shown();
+  if (pose != seen_.pose || camera.position() != seen_.camera.position() || camera.target() != seen_.camera.target())
+    seen_ = {pose, camera, now_us, std::min(now_us - seen_.since_us, kStopped)};
+  return levels_.set_still(now_us - seen_.since_us >= std::max(kStill, seen_.spacing_us * 8 / 5));
 }
 
 void Session::remember(TimeUs now_us) {
@@ -162,7 +173,38 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Style& style,
   colours_.paint(scene_, sources(), style, renderer);
   uploaded_us_ = steady_now_us();
   upload_us_.add(uploaded_us_ - start);
-  renderer.draw(camera, render_options(style), width_px, height_px, target);
+  RenderOptions options = render_options(style);
+  options.quality = levels_.quality();
+  renderer.draw(camera, options, width_px, height_px, target);
+  const std::optional<PictureQuality> other = levels_.trial();
+  if (!other) return;
+  options.quality = *other;
+  try_quality(renderer, camera, options, width_px, height_px, target);
+}
+
+/// Beside the picture's work.
+void Session::try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
+                          unsigned target) {
+  Renderer::finish();
+  const TimeUs drawn = steady_now_us(), drawing = drawn - uploaded_us_;
+  work_.stop(drawn);
+  const Picture shown = Renderer::read_back(width_px, height_px, target);
+  const unsigned aside = renderer.offscreen_target(width_px, height_px, true);
+  TimeUs began = drawn, took = 0;
+  for (int i = 0; i < 2; ++i) {  // the first one makes buffers and programs
+    began = steady_now_us();
+    renderer.draw(camera, options, width_px, height_px, aside);
+    Renderer::finish();
+    took = steady_now_us() - began;
+  }
+  const Picture other = Renderer::read_back(width_px, height_px, aside);
+  double difference = 0;
+  for (std::size_t i = 0; i < shown.rgb.size(); ++i) difference += std::abs(int{shown.rgb[i]} - int{other.rgb[i]});
+  levels_.measured(static_cast<double>(drawing - took) / static_cast<double>(std::max<TimeUs>(work_.spent_us(), 1)),
+                   difference / static_cast<double>(std::max<std::size_t>(shown.rgb.size(), 1)));
+  const TimeUs now = steady_now_us();
+  uploaded_us_ += now - drawn;
+  work_.start(now);
 }
 
 void Session::finish_picture(bool wait) {
@@ -238,6 +280,7 @@ HudFigures Session::figures() const {
                                     instances.begin(), instances.end(),
                                     [](const auto& instance) { return instance.view.geometry().gpu != nullptr; })),
                                 instances.size());
+  if (levels_.active() || levels_.quality() != PictureQuality()) f.lowered = text_from_lowered(levels_, f);
   if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
   f.shown = text_from_shown(first.shown(), first.settling(), first.playout());
   f.mode = text_from_mode(source.info() ? source.info()->profile : options_.profile.value_or(Profile{}));

@@ -52,7 +52,8 @@ class Session final {
   /// Ends the measurement of the picture's work. Waits for the GPU if `wait` or if a resolver needs the measurement.
   void finish_picture(bool wait);
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
-  RenderOptions render_options(const Style& style) const { return {style, pixel_scale_, colours_.range(style)}; }
+  /// At full quality, as of screenshots.
+  RenderOptions render_options(const Style& style) const { return {style, pixel_scale_, colours_.range(style), {}}; }
   const SceneColours& colours() const { return colours_; }
 
   /// Adds a surface of a source, which may be new and must outlive the session or its removal.
@@ -90,6 +91,9 @@ class Session final {
   Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log);
   bool poll(std::chrono::milliseconds timeout);
   void remember(TimeUs now_us);
+  bool look_still(const Camera& camera, TimeUs now_us);
+  void try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
+                   unsigned target);
   void frame_scene(Camera& camera);
   std::optional<TimeUs> newest_arrival_us(std::size_t source) const;
   float colourfulness(const Scene::Instance& instance, TimeUs now_us) const;
@@ -119,6 +123,11 @@ class Session final {
   TimeUs uploaded_us_ = 0;  ///< For the present picture.
   std::optional<FrameWork> last_work_;
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
+  struct Seen {
+    std::uint64_t pose = 0;
+    Camera camera;
+    TimeUs since_us = 0, spacing_us = 0;  ///< Of changes.
+  } seen_;                                ///< What the picture shows.
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;
   bool up_set_ = false;
 };

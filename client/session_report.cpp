@@ -136,6 +136,12 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                    {"resolver", kResolverNames[levels_.kind()]},
                    {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
                    {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
+  const PictureQuality& quality = levels_.quality();
+  report["quality"] = {{"mode", kQualityNames[levels_.settings().quality]},
+                       {"scale", quality.scale},
+                       {"samples", quality.samples},
+                       {"shadow", kShadowNames[quality.shadow]},
+                       {"ground", quality.ground}};
   report["surfaces"] = surfaces_from(scene_, sources());
   report["reconstruct"] = {
       {"asked", kRebuildOnNames[options_.reconstruct]},

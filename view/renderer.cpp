@@ -123,7 +123,7 @@ class Renderer::Impl {
   }
 
   GlTarget target_;
-  GlPicture offscreen_;
+  std::array<GlPicture, 2> offscreen_;
   std::string device_;
   std::vector<std::unique_ptr<GlSurface>> surfaces_;
   Markup markup_;
@@ -352,9 +352,10 @@ Picture Renderer::read_back(int width_px, int height_px, unsigned source, bool w
   return picture;
 }
 
-unsigned Renderer::offscreen_target(int width_px, int height_px) {
-  impl_->offscreen_.resize(width_px, height_px);
-  return impl_->offscreen_.framebuffer();
+unsigned Renderer::offscreen_target(int width_px, int height_px, bool other) {
+  GlPicture& picture = impl_->offscreen_[other ? 1 : 0];
+  picture.resize(width_px, height_px);
+  return picture.framebuffer();
 }
 void Renderer::copy_to_window(unsigned source, int width_px, int height_px) {
   copy_colours(source, 0, width_px, height_px);

@@ -43,8 +43,8 @@ class Renderer final {
   Result<Picture> picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px);
   static Picture read_back(int width_px, int height_px, unsigned source = 0, bool with_alpha = false);
 
-  /// An off-screen framebuffer, kept until another size is asked for.
-  unsigned offscreen_target(int width_px, int height_px);
+  /// An off-screen framebuffer, kept until another size is asked for; a second one if `other`.
+  unsigned offscreen_target(int width_px, int height_px, bool other = false);
 
   static void copy_to_window(unsigned source, int width_px, int height_px);
 

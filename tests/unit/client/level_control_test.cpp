@@ -54,6 +54,64 @@ TEST(Levels, ResolversHoldTheRate) {
   }
 }
 
+/// Of the picture's time, on a machine without a graphics card.
+double left_of(const PictureQuality& quality) {
+  const double pixels = double{quality.scale} * double{quality.scale};
+  return (0.4 + 0.6 * pixels) * (quality.samples == 1 ? 0.6 : 1.0) * (quality.ground ? 1.0 : 0.9) *
+         (quality.shadow == ShadowQuality::kFull    ? 1.0
+          : quality.shadow == ShadowQuality::kSmall ? 0.75
+                                                    : 0.55);
+}
+
+TEST(Levels, QualityGoesBeforeGeometryAndComesBackWhenStill) {
+  Stage stage({sphere_asset(4)}, {at(0, {0, 0, 0})});
+  ASSERT_TRUE(stage.turn(0));
+  LevelSettings settings;
+  settings.kind = ResolverKind::kBudget;
+  settings.quality = QualityMode::kAuto;
+  settings.target_fps = 20;
+  LevelControl control(settings);
+  Camera camera;
+  camera.set_viewport(640, 480);
+  TimeUs now = 0;
+  std::optional<FrameWork> last;
+  double seconds = 0;
+  for (int i = 0; i < 400; ++i) {
+    control.choose(stage.scene, stage.list, camera, last);
+    stage.turn(now);
+    seconds = left_of(control.quality()) * (0.08 + 0.02 * static_cast<double>(stage.scene.vertex_count()) / 2562);
+    if (const auto other = control.trial())
+      control.measured(1 - left_of(*other) / left_of(control.quality()), other->ground ? 1 : 4);
+    now += static_cast<TimeUs>(1e6 * seconds);
+    last = FrameWork{now, seconds};
+  }
+  EXPECT_LE(seconds, 1.05 / 20);
+  EXPECT_NE(control.quality(), PictureQuality());
+  EXPECT_TRUE(control.quality().ground);
+  EXPECT_GT(stage.scene.vertex_count(), 2562u / 2);
+  const PictureQuality lowered = control.quality();
+  EXPECT_TRUE(control.set_still(true));
+  EXPECT_FALSE(control.set_still(true)) << "once";
+  control.choose(stage.scene, stage.list, camera, last);
+  EXPECT_EQ(control.quality(), PictureQuality());
+  EXPECT_FALSE(control.set_still(false));
+  control.choose(stage.scene, stage.list, camera, FrameWork{now, 0.1});
+  EXPECT_EQ(control.quality(), lowered) << "what the still picture took says nothing";
+  control.set_kind(ResolverKind::kNone);
+  control.choose(stage.scene, stage.list, camera, last);
+  EXPECT_EQ(control.quality(), PictureQuality());
+}
+
+TEST(Levels, QualityCanBeFixed) {
+  LevelSettings settings;
+  settings.quality = QualityMode::kLow;
+  const LevelControl low(settings);
+  EXPECT_LT(low.quality().scale, 1);
+  EXPECT_EQ(low.quality().samples, 1);
+  settings.quality = QualityMode::kFull;
+  EXPECT_EQ(LevelControl(settings).quality(), PictureQuality());
+}
+
 TEST(Levels, TheManualLevelBoundsTheResolver) {
   Stage stage({sphere_asset(4)}, {at(0, {0, 0, 0})});
   ASSERT_TRUE(stage.turn(0));

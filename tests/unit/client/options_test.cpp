@@ -100,6 +100,9 @@ TEST(Options, ResolverDefaultsToBudgetInTheWindow) {
   EXPECT_FALSE(window.follow_display);
   EXPECT_TRUE(std::get<ClientOptions>(parsed({})).follow_display);
   EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless"})).levels.kind, ResolverKind::kNone);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless"})).levels.quality, QualityMode::kFull);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({})).levels.quality, QualityMode::kAuto);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({"--quality", "low"})).levels.quality, QualityMode::kLow);
   EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless", "--resolver", "paper"})).levels.kind, ResolverKind::kPaper);
 }
 
@@ -172,6 +175,7 @@ TEST(Options, OptionsThatWouldDoNothingAreRefused) {
                                                       {"--headless", "--settings", "x"},
                                                       {"--headless", "--ui-scale", "2"},
                                                       {"--headless", "--lod-floor", "0.1"},
+                                                      {"--resolver", "paper", "--quality", "auto"},
                                                       {"--headless", "--colour-map", "grey"},
                                                       {"--headless", "--colour", "own", "--colour-range", "0,1"},
                                                       {"--headless", "--truth", "heart"},

@@ -37,6 +37,23 @@ TEST(HudText, LinesShowTheFigures) {
   for (const char* number : {"3 of 4", "200"}) EXPECT_THAT(lines[4], HasSubstr(number));
 }
 
+TEST(HudText, SaysWhatWasLoweredAndWhy) {
+  LevelSettings settings;
+  HudFigures f;
+  EXPECT_EQ(text_from_lowered(LevelControl(settings), f), "");
+  settings.quality = QualityMode::kLow;
+  for (const char* part : {"50 %", "1 sample", "shadow"})
+    EXPECT_THAT(text_from_lowered(LevelControl(settings), f), HasSubstr(part));
+  settings = {};
+  settings.kind = ResolverKind::kBudget;
+  settings.target_fps = 20;
+  f.vertices = 62;
+  f.vertices_total = 100;
+  for (const char* part : {"20/s", "62 %"}) EXPECT_THAT(text_from_lowered(LevelControl(settings), f), HasSubstr(part));
+  f.lowered = "lowered";
+  EXPECT_THAT(hud_lines(f), testing::Contains(f.lowered));
+}
+
 TEST(HudText, LinesDependOnWhatIsKnown) {
   HudFigures f;
   EXPECT_EQ(hud_lines(f).size(), 4u);
