@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -10,6 +11,7 @@
 #include <thread>
 
 #include "client/apps.h"
+#include "client/clip_source.h"
 #include "client/settings.h"
 #include "tests/support/process.h"
 #include "tests/unit/client/drop_source.h"
@@ -212,6 +214,72 @@ TEST_F(TheWindow, TurntableTurns) {
   ASSERT_EQ(first.rgb.size(), 3u * 640 * 480);
   ASSERT_EQ(second.rgb.size(), first.rgb.size());
   EXPECT_GT(testing::mean_difference(first, second), 0.2) << "the floor's grid turns with the scene";
+}
+
+/// Plays a clip and says which of its frames it gave last.
+class ObservedClip final : public PoseSource {
+ public:
+  ObservedClip(std::shared_ptr<const BakedClip> clip, std::atomic<double>& frame)
+      : clip_(std::move(clip)), frame_(frame) {}
+  std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override {
+    std::vector<ReceivedPose> poses = clip_.poll(timeout);
+    if (!poses.empty()) frame_.store(poses.back().coefficients[0]);
+    return poses;
+  }
+  const Asset* asset() const override { return clip_.asset(); }
+  std::uint32_t epoch() const override { return clip_.epoch(); }
+  const std::optional<control::StreamInfo>& info() const override { return clip_.info(); }
+  Subscriber::Stats stats() const override { return clip_.stats(); }
+  Timeline* timeline() const override { return clip_.timeline(); }
+
+ private:
+  ClipSource clip_;
+  std::atomic<double>& frame_;
+};
+
+TEST_F(TheWindow, TimelineIsDraggedAndStepped) {
+  constexpr int kLast = 600;
+  auto clip = std::make_shared<BakedClip>();
+  clip->asset = sphere_asset(1);
+  for (int k = 0; k <= kLast; ++k) {
+    clip->frames.emplace_back(clip->asset.rest.begin(), clip->asset.rest.end());
+    clip->frames.back()[0] = k;
+    clip->times_us.push_back(100'000 * k);
+  }
+  clip->period_us = 100'000 * (kLast + 1);
+  options_.settings = "";
+  std::atomic<double> frame{-1};
+  const OpenSource open = [&](const std::string&) -> Result<std::unique_ptr<PoseSource>> {
+    return std::unique_ptr<PoseSource>(std::make_unique<ObservedClip>(clip, frame));
+  };
+  double dragged_to = -1, stepped_to = -1, ended_at = -1;
+  std::thread user([&] {
+    EXPECT_TRUE(until([&] { return xdotool("search --onlyvisible --name Eigencast >/dev/null 2>&1"); }));
+    EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+    EXPECT_TRUE(until([&] { return frame >= 1; })) << "it plays";
+    xdotool("mousemove 320 200 key space");
+    // The bar is at the bottom in the middle. ImGui looks at the mouse once a picture.
+    EXPECT_TRUE(until([&] {
+      for (const char* step :
+           {"mousemove 300 455", "mousedown 1", "mousemove 420 455", "mousemove 350 455", "mouseup 1"}) {
+        xdotool(step);
+        std::this_thread::sleep_for(std::chrono::milliseconds(150));
+      }
+      return frame > 100;
+    }));
+    dragged_to = frame;
+    xdotool("mousemove 320 200 key comma");
+    EXPECT_TRUE(until([&] { return frame != dragged_to; }));
+    stepped_to = frame;
+    xdotool("key End");
+    EXPECT_TRUE(until([&] { return frame == kLast; }));
+    ended_at = frame;
+    stop_.store(true);
+  });
+  EXPECT_EQ(run_window(options_, {}, open, stop_, [](LogLevel, std::string_view) {}), kExitGood);
+  user.join();
+  EXPECT_EQ(stepped_to, dragged_to - 1);
+  EXPECT_EQ(ended_at, kLast);
 }
 
 TEST_F(TheWindow, TextsAndLinesFollowTheDisplay) {
