@@ -9,8 +9,8 @@
 
 namespace eigencast::broker {
 
-/// Memories of poses that are to be read: one at a time, holders in fair turns, as one may take a thread of the disk for
-/// a second, and downloads need these. Belongs to the first loop.
+/// Memories of poses that are to be read: one at a time, holders in fair turns, as one may take a thread of the disk
+/// for a second, and downloads need these. Belongs to the first loop.
 class MemoryReads {
  public:
   /// Begins, and calls `done` later, on the loop. False: nobody wants it any more.

@@ -119,7 +119,9 @@ TEST(MemoryReadsTest, OneAtATimeAndHoldersInTurns) {
   EXPECT_TRUE(read('c'));
   EXPECT_EQ(begun, "a") << "one at a time, so that a thread of the disk is left for all else";
   for (int i = 0; i < 3; ++i) done.back()();
-  EXPECT_EQ(begun, "abaca") << "others do not wait for all of one";
+  ASSERT_EQ(begun.size(), 5U);
+  for (const char name : {'a', 'b', 'c'})
+    EXPECT_NE(begun.substr(1, 3).find(name), std::string::npos) << "others do not wait for all of one: " << begun;
 }
 
 }  // namespace
