@@ -14,7 +14,7 @@ namespace eigencast::broker {
 namespace {
 
 constexpr std::uint64_t kMaxFileBytes = 16 << 20;
-constexpr int kRetryAfterS = 60;
+constexpr int kPageRetryAfterS = 60;
 constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
 
 std::string_view type_of(std::string_view name) {
@@ -44,7 +44,7 @@ void answer_body(HttpConnection& connection, std::string_view body, const std::s
   const TimeUs now_us = steady_now_us();
   const auto payer = connection.context().gate.stranger(connection.access_request({}), now_us);
   const auto taken = payer->take_download(connection.method() == "HEAD" ? 0 : body.size(), now_us);
-  if (!taken) return connection.answer_limit(taken.error().message, kRetryAfterS);
+  if (!taken) return connection.answer_limit(taken.error().message, kPageRetryAfterS);
   connection.answer(HttpStatus::kOk, std::string(body), std::move(headers));
 }
 
