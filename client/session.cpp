@@ -156,7 +156,7 @@ void Session::frame_scene(Camera& camera) {
                   : facts.up_axis == Asset::UpAxis::kZ ? Camera::Up::kZ
                                                        : Camera::Up::kY);
   }
-  camera.set_scene(facts.low, facts.high);
+  camera.set_scene(facts.low, facts.high, facts.outline);
 }
 
 void Session::draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px,

@@ -17,6 +17,7 @@ constexpr float kPi = 3.14159265F;
 constexpr float kSteepest = 0.5F * kPi - 1e-3F;  // the view would turn over at the poles
 constexpr float kRadiansPerPixel = 0.0065F;
 constexpr float kZoomPerStep = 1.15F;
+constexpr float kFramedPart = 0.7F;  // of the window; the rest is for motion
 
 struct NamedView {
   std::string_view name;
@@ -32,11 +33,14 @@ constexpr std::array<NamedView, 7> kViews{{{"iso", 0.6F, 0.3F},
 
 }  // namespace
 
-void Camera::set_scene(const glm::vec3& low, const glm::vec3& high) {
+void Camera::set_scene(const glm::vec3& low, const glm::vec3& high, std::span<const glm::vec3> points) {
   assert(low.x <= high.x && low.y <= high.y && low.z <= high.z);
   low_ = low;
   high_ = high;
   radius_ = std::max(0.5F * glm::length(high - low), 1e-20F);
+  framed_.assign(points.begin(), points.end());
+  for (int corner = 0; corner < 8 && points.empty(); ++corner)
+    framed_.emplace_back(corner & 1 ? high.x : low.x, corner & 2 ? high.y : low.y, corner & 4 ? high.z : low.z);
   if (!moved_) home();
 }
 
@@ -60,19 +64,16 @@ void Camera::home() {
   azimuth_ = home_azimuth_;
   elevation_ = home_elevation_;
   moved_ = false;
-  // The corners of the box, not its sphere, decide the distance, so that a long thin surface fills the window.
+  // The points, not a ball around them, decide the distance, so that a long thin surface fills its part of the window.
   const auto [right, above, back] = axes();
   const float tan_y = std::tan(0.5F * kFieldOfView);
   const float tan_x = tan_y * static_cast<float>(width_) / static_cast<float>(height_);
-  float distance = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    const glm::vec3 p(corner & 1 ? high_.x : low_.x, corner & 2 ? high_.y : low_.y, corner & 4 ? high_.z : low_.z);
-    const glm::vec3 d = p - target_;
+  distance_ = 1e-3F * radius_;
+  for (const glm::vec3& point : framed_) {
+    const glm::vec3 d = point - target_;
     const float reach = std::max(std::abs(glm::dot(d, right)) / tan_x, std::abs(glm::dot(d, above)) / tan_y);
-    distance = std::max(distance, reach + glm::dot(d, back));
+    distance_ = std::max(distance_, reach / kFramedPart + glm::dot(d, back));
   }
-  // With a margin: a deforming surface leaves its rest box.
-  distance_ = std::max(1.18F * distance, 1e-3F * radius_);
 }
 
 bool Camera::set_view(std::string_view name) {

@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string_view>
+#include <vector>
 
 namespace eigencast {
 
@@ -19,8 +20,9 @@ class Camera {
   enum class Up { kX, kY, kZ };
   static constexpr float kFieldOfView = 0.61F;  ///< Vertical, radians (35 degrees).
 
-  /// Sets the box that home() frames, and frames it unless the user has moved the camera. REQUIRES: low <= high.
-  void set_scene(const glm::vec3& low, const glm::vec3& high);
+  /// Sets the scene's box, and points of it that home() frames (none: the box's corners); frames them unless the user
+  /// has moved the camera. REQUIRES: low <= high.
+  void set_scene(const glm::vec3& low, const glm::vec3& high, std::span<const glm::vec3> points = {});
   void set_up(Up up);
   Up up() const { return up_; }
   glm::vec3 up_vector() const;
@@ -63,6 +65,7 @@ class Camera {
   std::array<glm::vec3, 3> axes() const;  ///< Right, above, back; unit length.
 
   glm::vec3 low_{-1}, high_{1}, target_{0};
+  std::vector<glm::vec3> framed_;
   Up up_ = Up::kY;
   float radius_ = 1.7320508F;
   float distance_ = 5;

@@ -136,6 +136,7 @@ void Scene::set_rebuilder(SurfaceRebuilder* rebuilder) {
 void Scene::place(std::span<PoseSource* const> sources) {
   std::uint64_t seen = 0;
   Bounds all;
+  std::vector<glm::vec3> outline;
   Asset::UpAxis up = Asset::UpAxis::kUnknown;
   std::optional<Rows> rows;
   for (Instance& instance : instances_) {
@@ -155,11 +156,14 @@ void Scene::place(std::span<PoseSource* const> sources) {
     }
     all.add(box.low);
     all.add(box.high);
+    for (const glm::vec3& point : facts.outline)
+      outline.emplace_back(instance.scene_from_surface * glm::vec4(point, 1));
   }
   if (seen == facts_seen_ || seen == 0) return;
   facts_seen_ = seen;
   facts_.low = all.low;
   facts_.high = all.high;
+  facts_.outline = std::move(outline);
   facts_.up_axis = up;
   ++facts_.version;
 }

@@ -2,16 +2,28 @@
 #include "view/surface_view.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cmath>
 #include <glm/common.hpp>
+#include <glm/geometric.hpp>
 #include <utility>
 
 #include "view/creases.h"
 
 namespace eigencast {
 namespace {
+
+/// From a cube's centre to its corners, edges and sides.
+constexpr auto kOutlineDirections = [] {
+  std::array<glm::vec3, 26> directions{};
+  std::size_t count = 0;
+  for (int i = 0; i < 27; ++i) {
+    if (i != 13) directions[count++] = glm::vec3(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1);
+  }
+  return directions;
+}();
 
 /// Leading rows up to the last that is not zero.
 std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t channels) {
@@ -233,10 +245,14 @@ void SurfaceView::update_facts(const Asset& asset) {
   std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
   reconstructor_->rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
   facts_.low = facts_.high = {rest[0], rest[1], rest[2]};
+  facts_.outline.assign(kOutlineDirections.size(), facts_.low);
   for (std::size_t i = 0; i < rest.size(); i += 3) {
     const glm::vec3 point(rest[i], rest[i + 1], rest[i + 2]);
     facts_.low = glm::min(facts_.low, point);
     facts_.high = glm::max(facts_.high, point);
+    for (std::size_t k = 0; k < kOutlineDirections.size(); ++k) {
+      if (glm::dot(kOutlineDirections[k], point - facts_.outline[k]) > 0) facts_.outline[k] = point;
+    }
   }
   geometry_.creases.clear();
   geometry_.is_solid = false;

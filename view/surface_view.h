@@ -73,6 +73,7 @@ class BandFade {
 /// Facts of the surface at rest.
 struct SurfaceFacts {
   glm::vec3 low{0}, high{0};
+  std::vector<glm::vec3> outline;  ///< The points that lie farthest along some directions.
   Asset::UpAxis up_axis = Asset::UpAxis::kY;
   std::uint64_t version = 0;  ///< Grows when the facts change.
 };

@@ -20,7 +20,7 @@ namespace {
 constexpr float kReach = 2.2F;        // of the shadow map, in radii: a deforming surface leaves its rest box
 constexpr float kFloorBlur = 0.012F;  // of the shadow map's side
 constexpr glm::vec3 kClay{0.70F, 0.185F, 0.115F};
-constexpr glm::vec3 kClayInside{0.24F, 0.30F, 0.38F};
+constexpr glm::vec3 kClayInside{0.34F, 0.21F, 0.18F};
 
 glm::vec3 light_beside(const Camera& camera, float right, float above, float behind) {
   const glm::vec3 back = glm::normalize(camera.position() - camera.target());

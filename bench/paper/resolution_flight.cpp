@@ -203,7 +203,7 @@ class Flight {
     take_poses(scene_, list_);
     scene_.advance(list_, now_us_);
     const SurfaceFacts& f = scene_.facts();
-    camera_.set_scene(f.low, f.high);
+    camera_.set_scene(f.low, f.high, f.outline);
     for (int i = 0; i < 3; ++i) draw(renderer, scene_);
   }
 

@@ -26,7 +26,7 @@ class OffscreenPictures : public ::testing::Test {
     ASSERT_TRUE(renderer) << renderer.error().message;
     renderer_ = std::move(renderer).value();
   }
-  void frame(const SurfaceFacts& f) { camera_.set_scene(f.low, f.high); }
+  void frame(const SurfaceFacts& f) { camera_.set_scene(f.low, f.high, f.outline); }
 
   std::unique_ptr<OffscreenContext> context_;
   std::unique_ptr<Renderer> renderer_;

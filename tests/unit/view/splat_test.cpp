@@ -124,7 +124,6 @@ class SplatPictures : public OffscreenPictures {
   }
   Picture picture_of(const ShownHeart& shown) {
     renderer_->upload(0, shown.view.geometry());
-    frame(shown.view.facts());
     auto picture = renderer_->picture(camera_, {}, kWidth, kHeight).value();
     if (const char* folder = std::getenv("EIGENCAST_TEST_PICTURES")) {
       const std::string kind = shown.source.asset_.is_point_cloud() ? "points" : "mesh";
@@ -136,7 +135,9 @@ class SplatPictures : public OffscreenPictures {
 };
 
 TEST_F(SplatPictures, SparseCloudsLookLikeTheSurface) {
-  const Picture truth = picture_of(ShownHeart(false, 1));
+  const ShownHeart mesh(false, 1);
+  frame(mesh.view.facts());
+  const Picture truth = picture_of(mesh);
   for (const auto& [fraction, max_off] : {std::pair(1.0, 8.0), std::pair(0.1, 14.0), std::pair(0.05, 18.0)}) {
     const Picture points = picture_of(ShownHeart(true, fraction));
     double surface = 0, holes = 0, outside = 0, off = 0;

@@ -11,6 +11,8 @@ const TAN_Y = Math.tan(FIELD_OF_VIEW / 2);
 const STEEPEST = Math.PI / 2 - 1e-3;
 const RADIANS_PER_PIXEL = 0.0065, ZOOM_PER_STEP = 1.15;
 const UPS: Record<Up, Vec3> = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
+/** Of the window; the rest is for motion. */
+const FRAMED_PART = 0.7;
 const HOME = { azimuth: 0.6, elevation: 0.3 };
 
 const clamped = (value: number, least: number, most: number): number => Math.min(Math.max(value, least), most);
@@ -19,6 +21,7 @@ const clamped = (value: number, least: number, most: number): number => Math.min
 export class Camera {
   #low: Vec3 = [-1, -1, -1];
   #high: Vec3 = [1, 1, 1];
+  #framed: readonly Vec3[] = [];
   #target: Vec3 = [0, 0, 0];
   #up: Up = 'y';
   #radius = Math.sqrt(3);
@@ -29,10 +32,11 @@ export class Camera {
   #height = 720;
   #moved = false;
 
-  /** The box that home() frames; frames it unless the user has moved the camera. */
-  setScene(low: Vec3, high: Vec3): void {
+  /** The scene's box, and points of it that home() frames; frames them unless the user has moved the camera. */
+  setScene(low: Vec3, high: Vec3, points: readonly Vec3[] = [low, high]): void {
     this.#low = low;
     this.#high = high;
+    this.#framed = points;
     this.#radius = Math.max(length(difference(high, low)) / 2, 1e-20);
     if (!this.#moved) this.home();
   }
@@ -58,16 +62,13 @@ export class Camera {
     this.#azimuth = HOME.azimuth;
     this.#elevation = HOME.elevation;
     this.#moved = false;
-    // The corners of the box, not its sphere, decide the distance, so that a long thin surface fills the window.
+    // The points, not a ball around them, decide the distance, so that a long thin surface fills its part of the window.
     const [right, above, back] = this.#axes();
-    let distance = 0;
-    for (let corner = 0; corner < 8; ++corner) {
-      const d = difference([0, 1, 2].map((i) => (corner & (1 << i) ? this.#high : this.#low)[i]!) as unknown as Vec3, this.#target);
-      const reach = Math.max(Math.abs(dot(d, right)) / this.#tanX, Math.abs(dot(d, above)) / TAN_Y);
-      distance = Math.max(distance, reach + dot(d, back));
+    this.#distance = 1e-3 * this.#radius;
+    for (const point of this.#framed) {
+      const d = difference(point, this.#target), reach = Math.max(Math.abs(dot(d, right)) / this.#tanX, Math.abs(dot(d, above)) / TAN_Y);
+      this.#distance = Math.max(this.#distance, reach / FRAMED_PART + dot(d, back));
     }
-    // With a margin: a deforming surface leaves its rest box.
-    this.#distance = Math.max(1.18 * distance, 1e-3 * this.#radius);
   }
   /** Moves to `eye`, looking at `target`, which differs; straight up and down are avoided. */
   lookFrom(eye: Vec3, target: Vec3): void {

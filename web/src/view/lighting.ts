@@ -6,7 +6,7 @@ import type { GlSurface } from './gl_surface.js';
 import { cross, difference, dot, IDENTITY, lookAt, orthographic, product, sum, times, unit, type Mat4, type Vec3 } from './matrix.js';
 
 const SHADOW_SIDE = 1024;
-const CLAY: Vec3 = [0.7, 0.185, 0.115], CLAY_INSIDE: Vec3 = [0.24, 0.3, 0.38];
+const CLAY: Vec3 = [0.7, 0.185, 0.115], CLAY_INSIDE: Vec3 = [0.34, 0.21, 0.18];
 
 /** Two lights that follow the camera, and the shadow of the first: view/surroundings.h. */
 export class Lighting {

@@ -4,10 +4,12 @@ import type { Rebuilt } from '../client/protocol.js';
 import type { Pose, Status, Surface } from '../client/subscription.js';
 import { EigencastError, type Core } from '../core/module.js';
 import { Playout, type PlayoutSettings, type Shown } from '../core/playout.js';
-import { IDENTITY, type Mat4, type Vec3 } from './matrix.js';
+import { dot, IDENTITY, type Mat4, type Vec3 } from './matrix.js';
 import type { NumberPainter } from './numbers.js';
 
 const FADE_MS = 500;
+/** From a cube's centre to its corners, edges and sides; along x these are 12 and 13, along y 10 and 15, along z 4 and 21. */
+const DIRECTIONS = Array.from({ length: 27 }, (_, i): Vec3 => [(i % 3) - 1, (Math.floor(i / 3) % 3) - 1, Math.floor(i / 9) - 1]).filter((_, i) => i !== 13);
 
 /** What is drawn, until the next one comes. */
 export interface Drawn {
@@ -45,6 +47,8 @@ export class LiveSurface {
   #lostSinceMs: number | undefined;
   /** Of the rest pose, surface units; grows more exact as the surface arrives. */
   box: [low: Vec3, high: Vec3] | undefined;
+  /** Points that lie farthest along some directions. */
+  outline: Vec3[] = [];
   shown: Shown = 'held';
   bands = 0;
   posesShown = 0;
@@ -168,12 +172,16 @@ export class LiveSurface {
   async #measure(surface: Surface): Promise<void> {
     const rebuilt = await this.stream.rebuild({ coefficients: surface.rest, channels: 3 }).catch(() => undefined);
     if (!rebuilt || this.#isClosed || rebuilt.vertices === 0) return;
-    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    rebuilt.positions.forEach((value, i) => {
-      low[i % 3] = Math.min(low[i % 3]!, value);
-      high[i % 3] = Math.max(high[i % 3]!, value);
-    });
-    this.box = [low as unknown as Vec3, high as unknown as Vec3];
+    const at = rebuilt.positions, most = DIRECTIONS.map(() => -Infinity);
+    for (let i = 0; i < at.length; i += 3) {
+      const point: Vec3 = [at[i]!, at[i + 1]!, at[i + 2]!];
+      DIRECTIONS.forEach((direction, k) => {
+        const far = dot(direction, point);
+        if (far > most[k]!) [most[k], this.outline[k]] = [far, point];
+      });
+    }
+    const along = (k: number): number => this.outline[k]![k === 12 || k === 13 ? 0 : k === 10 || k === 15 ? 1 : 2]!;
+    this.box = [[along(12), along(10), along(4)], [along(13), along(15), along(21)]];
     this.#changed(undefined);
   }
   #choose(nowUs: number): boolean {

@@ -217,14 +217,14 @@ export class View {
   }
   /** The camera frames what the scene's box holds. */
   #frame(): void {
-    const { box, surface, sceneFromSurface } = this.live;
+    const { box, outline, surface, sceneFromSurface } = this.live;
     if (!box || !surface) return;
     if (!this.#upIsChosen) this.camera.up = surface.facts.upAxis === 'unknown' ? 'y' : surface.facts.upAxis;
     const corners = Array.from({ length: 8 }, (_, i) =>
       moved(sceneFromSurface, [box[i & 1]![0], box[(i >> 1) & 1]![1], box[(i >> 2) & 1]![2]]));
     const most = (choose: (...values: number[]) => number): Vec3 =>
       [0, 1, 2].map((axis) => choose(...corners.map((corner) => corner[axis]!))) as unknown as Vec3;
-    this.camera.setScene(most(Math.min), most(Math.max));
+    this.camera.setScene(most(Math.min), most(Math.max), outline.map((point) => moved(sceneFromSurface, point)));
     this.invalidate();
   }
   #paint(renderer: Renderer, style: Style, tile: Tile): void {
