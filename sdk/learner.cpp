@@ -14,8 +14,9 @@
 namespace eigencast {
 namespace {
 
-constexpr double kEntrySteps = 6;   ///< Of the first column's rms entry.
-constexpr double kMaxCoarser = 16;  ///< The steps of others: beyond, hardly an entry is left.
+constexpr double kRounding = 0.25;  ///< What rounding columns may move vertices by, of what coding may.
+constexpr double kMaxStep = 2;      ///< Of a column's rms entry: beyond, hardly an entry is left.
+constexpr double kLargestEntry = 32767;
 constexpr Eigen::Index kMost = Learner::kMaxColumns;
 constexpr std::size_t kMinPoses = 8;
 constexpr double kFarCoarser = 8;  ///< Coding than eps.
@@ -114,10 +115,15 @@ LearntColumns Learner::columns(double eps) const {
     const double amplitude = norms[k] * std::sqrt(found.squares[k] / static_cast<double>(poses()));
     if (amplitude < coding) break;
     learnt.amplitudes.push_back(amplitude);
-    const double coarser = std::min(learnt.amplitudes.front() / amplitude, kMaxCoarser);
-    learnt.columns.scales.push_back(static_cast<float>(coarser / kEntrySteps / std::sqrt(asset_->area)));
   }
   const std::size_t count = learnt.amplitudes.size();
+  for (std::size_t k = 0; k < count; ++k) {  // As AssetEncoding: all columns add equally.
+    const auto column = static_cast<Eigen::Index>(k);
+    const double wanted = kRounding * eps * std::sqrt(12.0 / static_cast<double>(count)) / learnt.amplitudes[k];
+    const double finest = columns.col(column).cwiseAbs().maxCoeff() / norms[column] / kLargestEntry;
+    const double step = std::max(std::min(wanted, kMaxStep / std::sqrt(asset_->area)), finest);
+    learnt.columns.scales.push_back(static_cast<float>(step));
+  }
   learnt.columns.values.resize(weights_.size() * count);
   for (std::size_t i = 0; i < learnt.columns.values.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i % count);

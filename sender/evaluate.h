@@ -111,7 +111,7 @@ struct LearningGain {
 };
 
 struct LearnEvaluation {
-  static constexpr double kStayS = 120;  ///< What a live stream is expected to go on for.
+  static constexpr double kStayS = 300;  ///< What a live stream is expected to go on for.
 
   LearnOptions options;
   std::size_t poses = 0;               ///< Of the clip, that it learns from.
