@@ -30,6 +30,16 @@ std::vector<QualityKnob> usual_knobs() {
   return knobs;
 }
 
+/// Where it is not known it is as of the others.
+void compare_bends(std::span<ObjectView> objects) {
+  double sum = 0;
+  int known = 0;
+  for (const ObjectView& object : objects) sum += object.bend, known += object.bend > 0 ? 1 : 0;
+  for (ObjectView& object : objects) {
+    if (object.bend <= 0) object.bend = known > 0 ? sum / known : 1;
+  }
+}
+
 PictureQuality quality_from_steps(std::span<const std::size_t> steps) {
   return {kScales[steps[kScale]], steps[kSamples] == 0 ? 4 : 1, static_cast<ShadowQuality>(steps[kShadow]),
           steps[kGround] == 0};
@@ -120,12 +130,20 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
     views.push_back(&instance.view);
   }
   if (objects.empty()) return;
+  compare_bends(objects);
   if (!has_resolver()) make_resolver(camera);
   if (std::exchange(was_still_, false)) last.reset();  // of a picture that nothing was lowered in
   const std::vector<std::uint32_t> levels = resolve(objects, last);
   lowered_ = settings_.quality == QualityMode::kAuto && quality_ != PictureQuality();
   for (std::size_t i = 0; i < views.size(); ++i) lowered_ |= levels[i] < objects[i].max;
   for (std::size_t i = 0; i < views.size(); ++i) views[i]->set_max_vertices(levels[i]);
+}
+
+std::optional<double> bend_of(const AssetFacts& asset) {
+  double sum = 0;
+  for (const GeometricError& error : asset.level_errors) sum += double{error.rms} * error.rows;
+  if (!(sum > 0)) return std::nullopt;
+  return sum / static_cast<double>(asset.level_errors.size());
 }
 
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor) {
@@ -138,6 +156,7 @@ ObjectView object_view(const Scene::Instance& instance, const Asset& asset, cons
   object.pixels = instance.visible ? camera.diameter_px(extent.barycentre, extent.radius) : 0;
   object.vertex_cost = asset.is_point_cloud() ? 0.5 : 1;  // no normals, no faces
   object.drawn = instance.view.geometry().vertex_count();
+  object.bend = bend_of(asset).value_or(0);
   return object;
 }
 

@@ -74,6 +74,10 @@ class LevelControl {
   std::unique_ptr<LodResolver> resolver_;
 };
 
+/// The mean of a level's rms error times its vertices, over the diagonal; nothing if the asset does not say.
+std::optional<double> bend_of(const AssetFacts& asset);
+
+/// bend: 0 where bend_of() has nothing.
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor);
 
 }  // namespace eigencast

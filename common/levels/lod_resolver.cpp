@@ -60,7 +60,7 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
   std::vector<double> share(objects.size());
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const ObjectView& object = objects[i];
-    share[i] = object.pixels > 0 ? object.pixels / std::sqrt(object.vertex_cost) : 0;
+    share[i] = object.pixels > 0 ? object.pixels * std::sqrt(object.bend / object.vertex_cost) : 0;
   }
   // cost(scale) = sum of cost x clamp(scale x share) grows and is linear between the points where an object meets a
   // bound: bisection over those points, then one linear step.

@@ -17,6 +17,8 @@ struct ObjectView {
   double pixels = 0;        ///< Diameter on the screen; 0 if out of sight.
   double vertex_cost = 1;   ///< Relative cost of a vertex; > 0.
   std::uint32_t drawn = 0;  ///< In the last frame, which may lag behind the resolved level; 0: as resolved.
+  /// Geometric error of its levels times their vertices, over its diameter, in the unit of all objects; > 0.
+  double bend = 1;
 };
 
 /// The time to make a frame, without waiting for the display.
@@ -117,8 +119,8 @@ class PlanMargin {
 /// The model of a frame's cost is a + b V, where V sums cost x N over the objects. b comes from least squares over the
 /// last frames, limited by how much V has varied; a is a DriftingValue, so that a step of the load is answered within a
 /// few frames and noise is not. V follows from the budget. It is split so that the sum of the errors on the screen is
-/// least: linear interpolation between vertices is off by the square of an edge, pixels^2 / N in all, hence N ~ pixels
-/// / sqrt(cost) within its bounds.
+/// least: linear interpolation between vertices is off by the square of an edge, bend pixels^2 / N in all, hence
+/// N ~ pixels sqrt(bend / cost) within its bounds.
 ///
 /// If a alone exceeds a frame's time for kPatience frames at the smallest V, no V holds the rate: then the vertices may
 /// take kShare of the time at the smallest V, until the model says as long that the smallest V would be in time again.
@@ -176,7 +178,7 @@ class BudgetResolver final : public LodResolver {
   PlanMargin margin_;
 };
 
-/// Minimises the sum of pixels^2 / N with sum(cost x N) <= budget, as far as the bounds allow. Exact up to rounding.
+/// Minimises the sum of bend pixels^2 / N with sum(cost x N) <= budget, as far as the bounds allow. Exact up to rounding.
 std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget);
 
 }  // namespace eigencast

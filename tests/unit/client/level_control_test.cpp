@@ -102,6 +102,31 @@ TEST(Levels, QualityGoesBeforeGeometryAndComesBackWhenStill) {
   EXPECT_EQ(control.quality(), PictureQuality());
 }
 
+TEST(Levels, VerticesGoWhereTheyAreMissed) {
+  // Two surfaces of the same size; without half of its vertices one is off four times as far.
+  Asset smooth = sphere_asset(4), rough = smooth;
+  smooth.level_errors = {{100, 1e-3F, 1e-2F}, {1000, 1e-4F, 1e-3F}};
+  rough.level_errors = {{100, 4e-3F, 4e-2F}, {1000, 4e-4F, 4e-3F}};
+  EXPECT_NEAR(bend_of(rough).value() / bend_of(smooth).value(), 4, 1e-5);
+  EXPECT_FALSE(bend_of(sphere_asset(2)));
+  const auto levels_of = [](const Asset& left, const Asset& right) {
+    Stage stage({left, right}, {at(0, {-1, 0, 0}), at(1, {1, 0, 0})});
+    EXPECT_TRUE(stage.turn(0));
+    Camera camera;
+    camera.set_viewport(640, 480);
+    camera.look_from({0, 0, 8}, {0, 0, 0});
+    LevelSettings settings;
+    settings.kind = ResolverKind::kBudget;
+    settings.target_fps = 20;
+    LevelControl control(settings);
+    mean_fps_of(stage, control, camera, 0.004, 0.146 / 5124);
+    return static_cast<double>(stage.geometry(1).vertex_count()) /
+           static_cast<double>(stage.geometry(0).vertex_count());
+  };
+  EXPECT_NEAR(levels_of(smooth, rough), 2, 0.1);
+  EXPECT_NEAR(levels_of(sphere_asset(4), rough), 1, 0.05) << "what is not known is as of the others";
+}
+
 TEST(Levels, QualityCanBeFixed) {
   LevelSettings settings;
   settings.quality = QualityMode::kLow;
