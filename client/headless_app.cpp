@@ -113,6 +113,7 @@ class Headless {
     if (overlay_) overlay_->draw(session_->overlay_content(), options_.width, options_.height, target);
     session_->finish_picture(true);
     ++taken_;
+    taken_us_ = steady_now_us();
     if (options_.out.empty()) return {};
     const std::string name = formatted("frame_%04llu.png", static_cast<unsigned long long>(taken_));
     const Result<void> written = save((std::filesystem::path(options_.out) / name).string(), target);
@@ -162,6 +163,7 @@ class Headless {
   std::optional<CameraPath> path_;
   std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;
+  TimeUs taken_us_ = 0;
   Patience patience_{options_};
 };
 
