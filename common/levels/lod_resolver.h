@@ -178,7 +178,8 @@ class BudgetResolver final : public LodResolver {
   PlanMargin margin_;
 };
 
-/// Minimises the sum of bend pixels^2 / N with sum(cost x N) <= budget, as far as the bounds allow. Exact up to rounding.
+/// Minimises the sum of bend pixels^2 / N with sum(cost x N) <= budget, as far as the bounds allow. Exact up to
+/// rounding.
 std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget);
 
 }  // namespace eigencast
