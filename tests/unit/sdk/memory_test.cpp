@@ -2,6 +2,11 @@
 // A memory of poses from a sender through a whole broker to viewers.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
+#include "common/codec/chain.h"
+#include "sdk/key_writer.h"
 #include "tests/unit/sdk/ball_stream.h"
 
 namespace eigencast {
@@ -64,6 +69,40 @@ int check(const LoopSender& sender, Subscriber& viewer, int& recalled) {
     ++poses;
   }
   return poses;
+}
+
+/// As a recording is played again: over another chain, which holds the memory from a later key on.
+TEST(KeyWriter, KeysOfAMemoryAreSentAgainAsTheyWere) {
+  const CoefficientLayout layout{CodecKind::kQuantised, 6, 3, {2, 6}};
+  const auto key_at = [&](int i) {
+    Key key = empty_key(layout, layout.all_bands(), 120);
+    for (std::size_t v = 0; v < key.q.size(); ++v)
+      key.q[v] = static_cast<std::int32_t>(std::lround(900 * std::sin(0.2 * i + static_cast<double>(v))));
+    return key;
+  };
+  std::vector<Key> poses;
+  for (int i = 0; i < 30; ++i) poses.push_back(key_at(i));
+  PoseMemory memory(layout);
+  ASSERT_TRUE(memory.add(encode_segment(layout, {}, poses, 2).value().segment));
+  KeyWriter again(layout, 0, std::nullopt);
+  again.begin(control::Announced{"s", 1, 1, 1, {}});
+  auto state = advanced(std::nullopt, key_at(0), 0);
+  int as_it_was = 0;
+  for (int i = 1; i < 29; ++i) {
+    const auto coded =
+        encode_recalled_key(layout, state, memory, static_cast<std::uint32_t>(8 * i), key_at(i), 4).value();
+    state = advanced(std::move(state), coded.key, 33'000, coded.phase);
+    if (i == 10) again.code_by({}, memory, false);
+    auto sent = again.code_as(coded.key, coded.payload, coded.phase, 33'000 * i).value();
+    EXPECT_EQ(sent.next.newer, coded.key) << i;
+    EXPECT_EQ(sent.next.phase.has_value(), i >= 10) << i;
+    const ByteView payload = coded.payload, message = sent.message;
+    const bool same = message.size() > payload.size() && std::ranges::equal(message.last(payload.size()), payload);
+    EXPECT_EQ(same, i > 10) << i;
+    as_it_was += same ? 1 : 0;
+    again.sent(std::move(sent), 1);
+  }
+  EXPECT_EQ(as_it_was, 18);
 }
 
 TEST(Memory, KeysComeFromItOnceBrokerAndViewersHoldIt) {
