@@ -26,10 +26,10 @@ struct TargetOptions {
   Credentials credentials;
   std::string context;  ///< Empty: the current one.
   std::string codec = "quantised";
-  double error = 0;         ///< Model units; 0: the publisher's default.
-  double bitrate_kbit = 0;  ///< As of SourceOptions; 0: as the error bound takes.
-  MemoryUse memory = MemoryUse::kOff;
-  double still_s = 0;  ///< Heartbeat of still surfaces; 0: every pose is sent.
+  double error = 0;                     ///< Model units; 0: the publisher's default.
+  double bitrate_kbit = 0;              ///< As of SourceOptions; 0: as the error bound takes.
+  MemoryUse memory = MemoryUse::kAuto;  ///< Of float codecs: none.
+  double still_s = 0;                   ///< Heartbeat of still surfaces; 0: every pose is sent.
 };
 
 struct PlayCommand {

@@ -182,7 +182,7 @@ void add_coding_options(CLI::App& app, TargetOptions& target) {
          "pays; on, all that is new at once, of motion that will come again; off")
       ->check(one_of(kMemoryUseNames))
       ->type_name("TEXT")
-      ->default_str(std::string(kMemoryUseNames[MemoryUse::kOff]));
+      ->default_str(std::string(kMemoryUseNames[target.memory]));
   app.add_option("--still", target.still_s,
                  "while the surface rests (within 1.5 --error), send it only every so many seconds")
       ->check(CLI::Range(0.1, 3600.0));
