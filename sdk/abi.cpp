@@ -30,11 +30,11 @@ static_assert(std::size(kStatuses) == static_cast<std::size_t>(ErrorCode::kInter
 static_assert(status_of(ErrorCode::kIo) == EC_IO && status_of(ErrorCode::kRefused) == EC_REFUSED &&
               status_of(ErrorCode::kCancelled) == EC_CANCELLED && status_of(ErrorCode::kInternal) == EC_INTERNAL);
 
-/// Lists EC_INTERNAL up to EC_NOTHING.
+/// Lists EC_INTERNAL up to EC_BAKING.
 constexpr std::string_view kNames[] = {
     "internal", "numerical", "cancelled",        "refused", "unreachable", "io",           "unsupported", "too-large",
-    "corrupt",  "not-found", "invalid-argument", "ok",      "dropped",     "disconnected", "nothing"};
-static_assert(std::size(kNames) == EC_NOTHING - EC_INTERNAL + 1);
+    "corrupt",  "not-found", "invalid-argument", "ok",      "dropped",     "disconnected", "nothing",     "baking"};
+static_assert(std::size(kNames) == EC_BAKING - EC_INTERNAL + 1);
 static_assert(kNames[EC_REFUSED - EC_INTERNAL] == "refused" && kNames[EC_OK - EC_INTERNAL] == "ok" &&
               kNames[EC_NOTHING - EC_INTERNAL] == "nothing");
 
@@ -101,6 +101,24 @@ Result<Surface> abi::surface_from(const double* positions, std::uint32_t vertice
   return surface;
 }
 
+Result<BakeOptions> abi::bake_options_from(const ec_bake_options& given) {
+  BakeOptions options;
+  const auto basis = basis_from_name(text_or(given.basis, std::string(name_of(options.basis))));
+  if (!basis) return basis.error();
+  options.basis = *basis;
+  const auto solver = kSolverNames.find(text_or(given.solver, std::string(kSolverNames[options.solver])));
+  if (!solver) return fail(ErrorCode::kInvalidArgument, "the solver must be lanczos or spectra");
+  options.solver = *solver;
+  options.name = text_or(given.name, {});
+  const int asks = (given.quality != 0) + (given.target_error != 0) + (given.bitrate != 0);
+  if ((given.rank > 0) + asks > 1)
+    return fail(ErrorCode::kInvalidArgument, "give one of rank, quality, target_error and bitrate");
+  if (asks > 0 || (given.rank == 0 && given.poses != nullptr && given.pose_count > 1))
+    options.wish = BakeWish{given.quality != 0 ? given.quality : 1, given.target_error, given.bitrate / 1000};
+  if (given.rank > 0) options.rank = static_cast<int>(std::min<std::uint32_t>(given.rank, 1u << 20));
+  return options;
+}
+
 ec_status abi::failed(const Error& error) {
   last_error = error.message;
   return status_of(error.code);
@@ -120,7 +138,7 @@ const char* ec_version(void) {
 }
 
 const char* ec_strerror(ec_status status) {
-  return status >= EC_INTERNAL && status <= EC_NOTHING ? kNames[status - EC_INTERNAL].data() : "unknown";
+  return status >= EC_INTERNAL && status <= EC_BAKING ? kNames[status - EC_INTERNAL].data() : "unknown";
 }
 
 const char* ec_last_error(void) {
@@ -141,22 +159,12 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     if (!surface) return failed(surface.error());
     const auto appearance = appearance_from(given.appearance, *surface);
     if (!appearance) return failed(appearance.error());
-    BakeOptions bake_options;
+    auto made = bake_options_from(given);
+    if (!made) return failed(made.error());
+    BakeOptions& bake_options = *made;
     if (*appearance) bake_options.appearance = &**appearance;
-    const auto basis = basis_from_name(text_or(given.basis, std::string(name_of(bake_options.basis))));
-    if (!basis) return failed(basis.error());
-    bake_options.basis = *basis;
-    const auto solver = kSolverNames.find(text_or(given.solver, std::string(kSolverNames[bake_options.solver])));
-    if (!solver) return invalid("ec_bake: the solver must be lanczos or spectra");
-    bake_options.solver = *solver;
-    bake_options.name = text_or(given.name, {});
-    const int asks = (given.quality != 0) + (given.target_error != 0) + (given.bitrate != 0);
-    if ((given.rank > 0) + asks > 1) return invalid("ec_bake: give one of rank, quality, target_error and bitrate");
     const KnownMotion samples = motion_from(given, vertex_count);
     bake_options.samples = &samples;
-    if (asks > 0 || (given.rank == 0 && samples.poses > 1))
-      bake_options.wish = BakeWish{given.quality != 0 ? given.quality : 1, given.target_error, given.bitrate / 1000};
-    if (given.rank > 0) bake_options.rank = static_cast<int>(std::min<std::uint32_t>(given.rank, 1u << 20));
     BakeProgress progress;
     if (given.progress != nullptr) {
       progress = [&given](double fraction, std::string_view stage) {

@@ -15,6 +15,8 @@
 #include "common/core/result.h"
 #include "common/net/url.h"
 #include "common/surface/surface.h"
+#include "sdk/bake.h"
+#include "sdk/publisher.h"
 
 /// What the functions of the C interface share.
 
@@ -30,6 +32,11 @@ namespace eigencast::abi {
 /// Keeps the words for ec_last_error() on this thread.
 ec_status failed(const Error& error);
 ec_status invalid(const char* text);
+
+/// Without appearance, samples and progress. Errors: kInvalidArgument.
+Result<BakeOptions> bake_options_from(const ec_bake_options& given);
+/// Without a URL. Errors: kInvalidArgument.
+Result<PublisherOptions> publisher_options_from(const ec_publisher_options& given);
 
 /// positions: vertices x 3; faces: face_count x 3, which may be null where there are none. Errors: kInvalidArgument.
 Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,

@@ -31,6 +31,29 @@ std::span<const float> rows_of(const float* values, std::size_t vertices, std::s
 }
 
 }  // namespace
+
+Result<PublisherOptions> abi::publisher_options_from(const ec_publisher_options& given) {
+  PublisherOptions options;
+  options.credentials = credentials_from(given);
+  const auto codec = codec_from_name(text_or(given.codec, "quantised"));
+  if (!codec) return codec.error();
+  options.codec = *codec;
+  options.error = given.error;
+  options.bitrate = given.bitrate;
+  options.still_heartbeat_us = given.still_heartbeat_us;
+  if (given.key_rate_hz > 0) options.key_rate_hz = given.key_rate_hz;
+  for (std::uint32_t k = 0; k < std::min(given.scalars, kMaxScalars + 1); ++k) {
+    const ec_scalar s = given.scalar_info != nullptr ? given.scalar_info[k] : ec_scalar{};
+    options.scalars.push_back(
+        {text_or(s.name, "scalar-" + std::to_string(k + 1)), text_or(s.unit, ""), s.low, s.high, s.error});
+  }
+  options.velocities = given.velocities != 0;
+  const auto memory = kMemoryUseNames.find(text_or(given.memory, "off"));
+  if (!memory) return fail(ErrorCode::kInvalidArgument, "memory must be auto, on or off");
+  options.memory = *memory;
+  return options;
+}
+
 }  // namespace eigencast
 
 using namespace eigencast;
@@ -43,26 +66,10 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
       return invalid("ec_publisher_create: url, asset or publisher is null");
     if (lacks_size(options)) return invalid("ec_publisher_create: struct_size of the options is not set; use EC_INIT");
     const ec_publisher_options given = filled(options);
-    PublisherOptions publisher_options;
-    publisher_options.url = url;
-    publisher_options.credentials = credentials_from(given);
-    const auto codec = codec_from_name(text_or(given.codec, "quantised"));
-    if (!codec) return failed(codec.error());
-    publisher_options.codec = *codec;
-    publisher_options.error = given.error;
-    publisher_options.bitrate = given.bitrate;
-    publisher_options.still_heartbeat_us = given.still_heartbeat_us;
-    if (given.key_rate_hz > 0) publisher_options.key_rate_hz = given.key_rate_hz;
-    for (std::uint32_t k = 0; k < std::min(given.scalars, kMaxScalars + 1); ++k) {
-      const ec_scalar s = given.scalar_info != nullptr ? given.scalar_info[k] : ec_scalar{};
-      publisher_options.scalars.push_back(
-          {text_or(s.name, "scalar-" + std::to_string(k + 1)), text_or(s.unit, ""), s.low, s.high, s.error});
-    }
-    publisher_options.velocities = given.velocities != 0;
-    const auto memory = kMemoryUseNames.find(text_or(given.memory, "off"));
-    if (!memory) return invalid("ec_publisher_create: memory must be auto, on or off");
-    publisher_options.memory = *memory;
-    auto created = Publisher::create(publisher_options, asset->asset, asset->encoded);
+    auto publisher_options = publisher_options_from(given);
+    if (!publisher_options) return failed(publisher_options.error());
+    publisher_options->url = url;
+    auto created = Publisher::create(*publisher_options, asset->asset, asset->encoded);
     if (!created) return failed(created.error());
     *publisher = new ec_publisher{std::move(*created), asset->asset->vertex_count, given.scalars};
     return EC_OK;

@@ -2,7 +2,7 @@
 # libeigencast: one shared library whose only symbols are those of <eigencast/eigencast.h>; the rooms are linked into it.
 include(CMakePackageConfigHelpers)
 
-add_library(eigencast SHARED abi.cpp abi_mesh.cpp abi_publisher.cpp abi_subscriber.cpp)
+add_library(eigencast SHARED abi.cpp abi_mesh.cpp abi_publisher.cpp abi_stream.cpp abi_subscriber.cpp)
 add_library(eigencast::eigencast ALIAS eigencast)
 target_include_directories(eigencast PUBLIC
   "$<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>" "$<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>")

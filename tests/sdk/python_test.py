@@ -222,6 +222,83 @@ class Package(unittest.TestCase):
         self.assertEqual((stats.frames_sent, stats.frames_dropped, stats.dropped_time), (1, 1, 1))
         self.assertEqual((stats.dropped_disconnected, stats.dropped_behind, stats.dropped_unusable), (0, 0, 0))
 
+    def test_a_stream_bakes_and_publishes_every_pose_in_order(self):
+        url, x = self.origin + "/streamed", self.positions[:, 0]
+        shifted = [self.positions + [0.1 * i, 0, 0] for i in range(21)]
+        with eigencast.Stream(url, rank=40, scalars={"stress": (0, 2e8, "Pa")}, max_rate_hz=float("inf"), cache_dir="") as stream, \
+                eigencast.Subscriber(url + "?rate=raw", cache_dir="") as subscriber:
+            with self.assertRaisesRegex(eigencast.Error, "first pose"):
+                stream.wait_live(timeout=0)
+            came = []
+            for i, points in enumerate(shifted):
+                taken = stream.send(points, self.faces, scalars={"stress": 1e8 * x}, time_s=i / 30)
+                self.assertIs(taken, eigencast.Taken.SENT if i else eigencast.Taken.BAKING)
+                end = time.monotonic() + 60
+                while len(came) <= i and time.monotonic() < end:
+                    pose = subscriber.next(timeout=0.05)
+                    if pose is not None and len(pose.positions) == 256:
+                        came.append(pose)
+                self.assertEqual(len(came), i + 1, stream.stats)
+            stats = stream.stats
+            self.assertEqual((stats.poses_taken, stats.poses_sent, stats.bakes), (21, 21, 1))
+            self.assertTrue(stats.live)
+        for sent, pose in zip(shifted, came):
+            self.assertLess(numpy.abs(pose.in_source_order() - sent).max(), 0.02)
+        self.assertEqual([(s.name, s.unit) for s in came[-1].scalar_info], [("stress", "Pa")])
+        self.assertLess(numpy.abs(came[-1].scalars[:, 0] - 1e8 * x[came[-1].source_vertex]).max(), 2e6)
+
+    def test_a_stream_knows_other_faces_by_their_content(self):
+        with eigencast.Stream(self.origin + "/faces", rank=20, max_rate_hz=1e6, cache_dir="") as stream:
+            faces = self.faces.copy()
+            stream.send(self.positions, faces)
+            self.assertTrue(stream.wait_live())
+            self.assertIs(stream.send(self.positions), eigencast.Taken.SENT)
+            self.assertIs(stream.send(self.positions, faces.astype(numpy.int32)), eigencast.Taken.SENT)
+            faces[:2] = faces[1::-1]  # in place, and as many
+            self.assertIs(stream.send(self.positions, faces), eigencast.Taken.BAKING)
+            self.assertTrue(stream.wait_live())
+            self.assertIs(stream.send(self.positions, faces, topology="a"), eigencast.Taken.SENT)
+            self.assertIs(stream.send(self.positions, "not looked at", topology="a"), eigencast.Taken.SENT)
+            with self.assertRaisesRegex(eigencast.Error, "faces"):
+                stream.send(self.positions[:100])
+            self.assertEqual(stream.stats.bakes, 2)
+        with eigencast.Stream(self.origin + "/raises", rank=20, on_topology="raise", cache_dir="") as stream:
+            stream.send(self.positions, self.faces)
+            self.assert_refused("INVALID_ARGUMENT", stream.send, self.positions, self.faces[::-1])
+            with self.assertRaisesRegex(ValueError, "scalars"):
+                stream.send(self.positions, scalars={"heat": self.positions[:, 0]})
+
+    def test_a_stream_survives_fork_exceptions_and_the_end_of_the_interpreter(self):
+        program = '''
+import os, sys, numpy, eigencast
+stream = eigencast.Stream(sys.argv[1], rank=20, max_rate_hz=1e6, cache_dir="")
+points = numpy.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=float)
+faces = [[0, 1, 2], [0, 1, 3], [1, 2, 4], [0, 2, 3]]
+stream.send(points, faces)
+assert stream.wait_live()
+child = os.fork()
+if child == 0:
+    try:
+        stream.send(points)
+    except eigencast.Error as error:
+        os._exit(error.status != eigencast.Status.UNSUPPORTED)
+    os._exit(2)
+assert os.waitpid(child, 0)[1] == 0
+try:
+    stream.send(points * numpy.nan)
+except eigencast.Error:
+    assert stream.send(points) is eigencast.Taken.SENT
+stream.send(points + 5)
+'''
+        url = self.origin + "/ended"
+        with eigencast.Subscriber(url + "?rate=raw", cache_dir="") as subscriber:
+            done = subprocess.run([sys.executable, "-c", program, url], env={**os.environ, "PYTHONPATH": PACKAGE}, timeout=100, check=False)
+            self.assertEqual(done.returncode, 0)
+            last, end = None, time.monotonic() + 60
+            while time.monotonic() < end and (last is None or last.positions.min() < 4):
+                last = subscriber.next(timeout=0.05) or last
+        self.assertGreater(last.positions.min(), 4, "what waited was sent before the interpreter ended")
+
     def test_progress_is_told_and_can_end_the_bake(self):
         reports = []
         eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=lambda fraction, stage: reports.append((fraction, stage)))

@@ -34,6 +34,7 @@ typedef enum ec_status {
   EC_DROPPED = 1, /**< This frame was not sent, for a reason that the statistics count; the next one supersedes it. */
   EC_DISCONNECTED = 2, /**< There is no connection now; it is being made anew in the background. */
   EC_NOTHING = 3,      /**< Nothing came within the time given. */
+  EC_BAKING = 4,       /**< The surface is being baked; of the poses that come meanwhile the newest goes out then. */
 
   EC_INVALID_ARGUMENT = -1, /**< An argument that cannot be meant. */
   EC_NOT_FOUND = -2,        /**< A file, stream or asset that is not there. */
@@ -120,8 +121,8 @@ typedef struct ec_asset_info {
   uint32_t vertex_count;
   uint32_t face_count; /**< 0: a point cloud. */
   uint32_t rank;
-  char id[65];    /**< The content id: 64 hexadecimal digits. */
-  int from_cache; /**< 1 when nothing had to be computed. */
+  char id[65];     /**< The content id: 64 hexadecimal digits. */
+  int from_cache;  /**< 1 when nothing had to be computed. */
   int loose_faces; /**< 1 when its faces share no vertices: they bend apart, and cost as much as so many surfaces.
                       ec_mesh_weld() first. */
 } ec_asset_info;
@@ -278,6 +279,80 @@ EC_API ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publis
 EC_API ec_status ec_publisher_wait_live(const ec_publisher* publisher, int timeout_ms);
 /** Disconnects, waiting at most a second. Null is allowed. */
 EC_API void ec_publisher_release(ec_publisher* publisher);
+
+/* ---- streaming: baking and publishing in one ---- */
+
+/**
+ * Streams a surface as a program has it: bakes in a thread at the first pose, and again when the topology is another
+ * one by its content, then publishes across lost connections. For a surface with colours, texture or example poses:
+ * ec_bake() and ec_publisher_create(). In a process that was forked its functions refuse, and its
+ * release leaves all to the parent.
+ */
+typedef struct ec_stream ec_stream;
+
+typedef struct ec_stream_options {
+  size_t struct_size;
+  const ec_bake_options* bake;           /**< Without appearance, poses and progress (default: rank 200). */
+  const ec_publisher_options* publisher; /**< velocities and key_rate_hz are found out (default: all defaults). */
+  const char* up;     /**< "y" or "z": the axis that is up in what is sent; a stream's is y (default: "y"). */
+  double scale;       /**< Multiplies points and velocities (default: 1). */
+  double max_rate_hz; /**< Of poses that come faster the newest waits for its turn; INFINITY: no limit (default: 30). */
+  int refuse_topology; /**< Not 0: another topology than the first is an error (default: another surface). */
+} ec_stream_options;
+
+/** A pose of a surface, with its topology. */
+typedef struct ec_frame {
+  size_t struct_size;
+  uint32_t point_count;
+  const float* points; /**< point_count x 3 */
+  const uint32_t*
+      corners; /**< Point numbers of triangles, 3 each, or of polygons; null: all as in the frame before, or a
+                              point cloud where there was none. Compared by content. */
+  size_t corner_count;
+  const uint64_t*
+      offsets; /**< Where polygons begin, then corner_count; they are fanned once (default: triangles).
+                            */
+  size_t offset_count;
+  const float* scalars;    /**< point_count x as many as the publisher's options have. */
+  const float* velocities; /**< point_count x 3, per second; with all poses of a surface or with none. */
+  const double* time_s;    /**< When it holds, on a clock of the program's, as far as that keeps pace (default: now). */
+} ec_frame;
+
+typedef struct ec_stream_stats {
+  size_t struct_size;
+  int live;        /**< 1 when poses go out. */
+  int baking;      /**< 1 while a surface is being baked. */
+  int loose_faces; /**< As in ec_asset_info. */
+  uint32_t subscribers;
+  uint64_t poses_taken;      /**< By ec_stream_send(). */
+  uint64_t poses_sent;       /**< To the broker. Taken ones that are not here or below wait for a moment. */
+  uint64_t poses_early;      /**< Left out: a newer one came before max_rate_hz let them out. */
+  uint64_t poses_superseded; /**< Left out: a newer one came before there was a basis and a connection. */
+  uint64_t poses_dropped;    /**< Left out by the publisher: the link is behind or gone. */
+  uint64_t bytes_sent;
+  uint64_t bakes; /**< Surfaces so far. */
+  uint64_t reconnects;
+  const char* detail; /**< For people: what goes on, or why not. Valid until the next call on the stream. */
+} ec_stream_stats;
+
+/**
+ * Returns at once; baking and connecting begin with the first frame. URLs are those of ec_publisher_create().
+ * Errors: EC_INVALID_ARGUMENT (URL, stream name, options).
+ */
+EC_API ec_status ec_stream_create(const char* url, const ec_stream_options* options, ec_stream** stream);
+/**
+ * Takes a pose. Never waits: it compares and copies, all else is done by a thread.
+ * Returns EC_OK (it goes out), EC_BAKING or EC_DISCONNECTED (if no newer one comes before there is a basis and a
+ * connection, it goes out then). Errors: EC_INVALID_ARGUMENT (sizes, numbers that are not finite, a topology that is
+ * refused), EC_UNSUPPORTED (in a forked process); those of ec_bake(), until the topology is another one.
+ */
+EC_API ec_status ec_stream_send(ec_stream* stream, const ec_frame* frame);
+/** Waits at most `timeout_ms` until poses go out. Returns EC_OK or EC_NOTHING (not yet). Errors: EC_INVALID_ARGUMENT
+ * (nothing was sent), EC_REFUSED (another sender has the stream for good); those of ec_bake(). */
+EC_API ec_status ec_stream_wait_live(ec_stream* stream, int timeout_ms);
+EC_API ec_status ec_stream_get_stats(const ec_stream* stream, ec_stream_stats* stats);
+/** Sends what waits, within a second, gives up a bake, and disconnects. Null is allowed. */
+EC_API void ec_stream_release(ec_stream* stream);
 
 /* ---- subscribing ---- */
 

@@ -208,13 +208,24 @@ class Publisher {
  public:
   Publisher(const std::string& url, const Asset& asset, const PublisherOptions& options = {})
       : publisher_(nullptr, ec_publisher_release) {
+    std::vector<ec_scalar> scalars;
+    const auto c_options = c_options_of(options, scalars);
+    ec_publisher* publisher = nullptr;
+    check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
+    publisher_.reset(publisher);
+    vertices_ = asset.info().vertex_count;
+    scalars_ = options.scalars.size();
+    velocities_ = options.velocities;
+  }
+
+  /// For the C interface; points into `options` and `scalars`.
+  static ec_publisher_options c_options_of(const PublisherOptions& options, std::vector<ec_scalar>& scalars) {
     auto c_options = EC_INIT(ec_publisher_options);
     c_options.codec = options.codec.c_str();
     c_options.error = options.error;
     c_options.key_rate_hz = options.key_rate_hz;
     c_options.bitrate = options.bitrate;
     c_options.still_heartbeat_us = options.still_heartbeat_us;
-    std::vector<ec_scalar> scalars;
     for (const auto& [name, unit, low, high, error] : options.scalars)
       scalars.push_back({name.c_str(), unit.c_str(), low, high, error});
     c_options.scalars = static_cast<std::uint32_t>(scalars.size());
@@ -222,12 +233,7 @@ class Publisher {
     c_options.velocities = options.velocities ? 1 : 0;
     c_options.memory = options.memory.c_str();
     options.access.give_to(c_options);
-    ec_publisher* publisher = nullptr;
-    check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
-    publisher_.reset(publisher);
-    vertices_ = asset.info().vertex_count;
-    scalars_ = options.scalars.size();
-    velocities_ = options.velocities;
+    return c_options;
   }
 
   /// Sends a pose: 3 numbers per vertex, in the order that was baked. Never blocks.
@@ -267,6 +273,66 @@ class Publisher {
   std::unique_ptr<ec_publisher, void (*)(ec_publisher*)> publisher_;
   std::size_t vertices_ = 0, scalars_ = 0;
   bool velocities_ = false;
+};
+
+struct StreamOptions {
+  std::uint32_t rank = 200;  ///< As of BakeOptions.
+  std::string basis = "augmented", name = {};
+  std::optional<std::string> cache_dir = {};
+  PublisherOptions publisher = {};  ///< velocities and key_rate_hz are found out.
+  bool z_up = false;                ///< Of what is sent.
+  double scale = 1;
+  double max_rate_hz = 30;  ///< Infinity: no limit.
+  bool rebake = true;       ///< Another topology than the first is another surface, else an error.
+};
+
+/// Bakes and publishes in one: see ec_stream. Not thread-safe; different Streams are independent.
+class Stream {
+ public:
+  explicit Stream(const std::string& url, const StreamOptions& options = {}) : stream_(nullptr, ec_stream_release) {
+    auto bake = EC_INIT(ec_bake_options);
+    bake.rank = options.rank;
+    bake.basis = options.basis.c_str();
+    bake.name = options.name.c_str();
+    bake.cache_dir = options.cache_dir ? options.cache_dir->c_str() : nullptr;
+    std::vector<ec_scalar> scalars;
+    auto publisher = Publisher::c_options_of(options.publisher, scalars);
+    auto c_options = EC_INIT(ec_stream_options);
+    c_options.bake = &bake;
+    c_options.publisher = &publisher;
+    c_options.up = options.z_up ? "z" : "y";
+    c_options.scale = options.scale;
+    c_options.max_rate_hz = options.max_rate_hz;
+    c_options.refuse_topology = options.rebake ? 0 : 1;
+    ec_stream* stream = nullptr;
+    check(ec_stream_create(url.c_str(), &c_options, &stream));
+    stream_.reset(stream);
+  }
+
+  /// Returns EC_OK, EC_BAKING or EC_DISCONNECTED.
+  [[nodiscard]] ec_status send(const ec_frame& frame) { return check(ec_stream_send(stream_.get(), &frame)); }
+  /// Points, 3 numbers each, and triangles, 3 corners each; no corners: as before.
+  [[nodiscard]] ec_status send(std::span<const float> points, std::span<const std::uint32_t> corners = {}) {
+    auto frame = EC_INIT(ec_frame);
+    frame.points = points.data();
+    frame.point_count = static_cast<std::uint32_t>(points.size() / 3);
+    frame.corners = corners.data();
+    frame.corner_count = corners.size();
+    return send(frame);
+  }
+  /// Waits at most `timeout` until poses go out; false: not yet.
+  [[nodiscard]] bool wait_live(std::chrono::milliseconds timeout) {
+    return check(ec_stream_wait_live(stream_.get(), static_cast<int>(timeout.count()))) == EC_OK;
+  }
+  /// `detail` stays until the next call.
+  ec_stream_stats stats() const {
+    auto stats = EC_INIT(ec_stream_stats);
+    check(ec_stream_get_stats(stream_.get(), &stats));
+    return stats;
+  }
+
+ private:
+  std::unique_ptr<ec_stream, void (*)(ec_stream*)> stream_;
 };
 
 /// Watches one stream. Not thread-safe; different Subscribers are independent.

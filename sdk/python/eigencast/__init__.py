@@ -5,6 +5,9 @@
     with eigencast.Publisher("http://broker:7490/demo", asset) as publisher:
         publisher.send(positions)                         # never blocks
 
+    with eigencast.Stream("http://broker:7490/demo") as stream:  # the same in one: bakes in a thread, at other faces again
+        stream.send(positions, faces)
+
     with eigencast.Subscriber("http://broker:7490/demo") as subscriber:
         pose = subscriber.next(timeout=1.0)               # a Pose, or None if none came
 
@@ -13,8 +16,9 @@ different ones are independent. Arrays of a Pose are copies: they stay.
 """
 from . import mesh
 from ._library import Error, Status, library_path, now_us, version
+from ._stream import Stream, StreamStats, Taken
 from ._objects import Asset, Pose, Publisher, PublisherStats, Scalar, Sent, Subscriber, SubscriberStats, bake, load
 
-__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Status", "Subscriber", "SubscriberStats", "bake",
+__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Status", "Stream", "StreamStats", "Subscriber", "SubscriberStats", "Taken", "bake",
            "library_path", "load", "mesh", "now_us", "version"]
 __version__ = version()

@@ -15,6 +15,7 @@ class Status(enum.IntEnum):
     DROPPED = 1
     DISCONNECTED = 2
     NOTHING = 3
+    BAKING = 4
     INVALID_ARGUMENT = -1
     NOT_FOUND = -2
     CORRUPT = -3
@@ -84,6 +85,23 @@ class PoseToSend(Sized):
                 ("capture_us", c_int64)]
 
 
+class StreamOptions(Sized):
+    _fields_ = [("struct_size", c_size_t), ("bake", POINTER(BakeOptions)), ("publisher", POINTER(PublisherOptions)), ("up", c_char_p),
+                ("scale", c_double), ("max_rate_hz", c_double), ("refuse_topology", c_int)]
+
+
+class Frame(Sized):
+    _fields_ = [("struct_size", c_size_t), ("point_count", c_uint32), ("points", POINTER(c_float)), ("corners", POINTER(c_uint32)),
+                ("corner_count", c_size_t), ("offsets", POINTER(c_uint64)), ("offset_count", c_size_t), ("scalars", POINTER(c_float)),
+                ("velocities", POINTER(c_float)), ("time_s", POINTER(c_double))]
+
+
+class StreamStats(Sized):
+    _fields_ = [("struct_size", c_size_t), ("live", c_int), ("baking", c_int), ("loose_faces", c_int), ("subscribers", c_uint32),
+                ("poses_taken", c_uint64), ("poses_sent", c_uint64), ("poses_early", c_uint64), ("poses_superseded", c_uint64),
+                ("poses_dropped", c_uint64), ("bytes_sent", c_uint64), ("bakes", c_uint64), ("reconnects", c_uint64), ("detail", c_char_p)]
+
+
 class PublisherStats(Sized):
     _fields_ = [("struct_size", c_size_t), ("live", c_int), ("subscribers", c_uint32), ("frames_sent", c_uint64),
                 ("frames_dropped", c_uint64), ("bytes_sent", c_uint64), ("reconnects", c_uint64), ("dropped_disconnected", c_uint64),
@@ -129,6 +147,11 @@ _SIGNATURES = {
     "ec_publisher_get_stats": (c_int, [c_void_p, POINTER(PublisherStats)]),
     "ec_publisher_wait_live": (c_int, [c_void_p, c_int]),
     "ec_publisher_release": (None, [c_void_p]),
+    "ec_stream_create": (c_int, [c_char_p, POINTER(StreamOptions), POINTER(c_void_p)]),
+    "ec_stream_send": (c_int, [c_void_p, POINTER(Frame)]),
+    "ec_stream_wait_live": (c_int, [c_void_p, c_int]),
+    "ec_stream_get_stats": (c_int, [c_void_p, POINTER(StreamStats)]),
+    "ec_stream_release": (None, [c_void_p]),
     "ec_subscriber_create": (c_int, [c_char_p, POINTER(SubscriberOptions), POINTER(c_void_p)]),
     "ec_subscriber_next": (c_int, [c_void_p, c_int]),
     "ec_subscriber_surface": (c_int, [c_void_p, c_double, POINTER(Surface)]),
