@@ -74,7 +74,7 @@ std::optional<AssetReader::SectionRef> AssetReader::columns() const {
 
 Result<void> AssetReader::add_columns(ByteView bytes) {
   const auto ref = columns();
-  if (!ref || next_ > 0 || columns_)
+  if (!ref || next_ > 0 || read_columns_)
     return fail(ErrorCode::kInvalidArgument, "columns of an asset: none are due here, before its first chunk");
   if (bytes.size() != ref->bytes || sha256(bytes) != ref->id)
     return fail(ErrorCode::kCorrupt, "columns of an asset: their bytes do not have the hash " + ref->id.hex());
@@ -84,7 +84,10 @@ Result<void> AssetReader::add_columns(ByteView bytes) {
   auto section = ColumnsSection::parse(bytes, chunk_ends());
   if (!section) return section.error();
   if (const auto widened = section->widen(asset_); !widened) return widened;
-  columns_ = std::move(*section);
+  // Not a member of its type: what never adds columns, as the page, has no code for them.
+  read_columns_ = [section = std::move(*section)](std::size_t chunk, std::span<const std::uint32_t> map, Asset& asset) {
+    return section.read_chunk(chunk, map, asset);
+  };
   return {};
 }
 
@@ -161,10 +164,10 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
 
   resize_basis(entry.end_row);
   Result<void> decoded = decode_bands(entry, bytes, structure->predictors);
-  if (decoded && columns_) {
+  if (decoded && read_columns_) {
     std::vector<std::uint32_t> map = asset_.map;
     append(map, structure->map);
-    decoded = columns_->read_chunk(index, map, asset_);
+    decoded = read_columns_(index, map, asset_);
   }
   auto texture = decode_texture(entry, bytes, *structure);
   if (decoded && !texture) decoded = texture.error();

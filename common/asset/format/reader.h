@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -80,7 +81,7 @@ class AssetReader {
   std::size_t bands_ = 0;
   std::vector<bool> seen_source_;  // vertices of the source that some row has
   std::shared_ptr<const Manifest> manifest_;
-  std::optional<ColumnsSection> columns_;
+  std::function<Result<void>(std::size_t chunk, std::span<const std::uint32_t> map, Asset& asset)> read_columns_;
 };
 
 /// All at once. Errors: as AssetReader.
