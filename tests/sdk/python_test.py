@@ -299,6 +299,18 @@ stream.send(points + 5)
                 last = subscriber.next(timeout=0.05) or last
         self.assertGreater(last.positions.min(), 4, "what waited was sent before the interpreter ended")
 
+    def test_watched_poses_are_views(self):
+        url = self.origin + "/viewed"
+        with eigencast.Stream(url, rank=40, cache_dir="") as stream:
+            stream.send(self.positions, self.faces)
+            for pose in eigencast.watch(url + "?rate=raw", cache_dir=""):
+                if len(pose.points) == 256 and len(pose.faces) == 450:
+                    break
+                stream.send(self.positions)
+            self.assertFalse(pose.points.flags.owndata)
+            self.assertLess(numpy.abs(pose.in_source_order() - self.positions).max(), 0.02)
+            pose = None
+
     def test_progress_is_told_and_can_end_the_bake(self):
         reports = []
         eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=lambda fraction, stage: reports.append((fraction, stage)))

@@ -281,6 +281,14 @@ class Pose:
     vertex_colours: typing.Optional[numpy.ndarray]  #: (N, 3) uint8, sRGB; None where the surface has none
     corner_uv: typing.Optional[numpy.ndarray]  #: (T, 3, 2) float32, NaN where a triangle has none of the image; None without a texture
 
+    @property
+    def points(self):
+        return self.positions
+
+    @property
+    def faces(self):
+        return self.triangles
+
     def in_source_order(self):
         """(N, 3) positions in the publisher's order of vertices; of a whole surface (detail 1) alone."""
         ordered = numpy.empty_like(self.positions)
@@ -333,7 +341,7 @@ class Subscriber(_Object):
             if pose is not None:
                 yield pose
 
-    def _pose(self):
+    def _pose(self, copy=True):
         raw = _library.Surface()
         if self.max_vertices is None:
             check(LIBRARY.ec_subscriber_surface(self._open(), self.detail, ctypes.byref(raw)))
@@ -341,7 +349,10 @@ class Subscriber(_Object):
             check(LIBRARY.ec_subscriber_surface_within(self._open(), self.max_vertices, ctypes.byref(raw)))
 
         def copied(pointer, *shape):
-            return numpy.ctypeslib.as_array(pointer, shape).copy() if pointer and shape[0] else numpy.empty(shape, dtype=pointer._type_)
+            if not pointer or not shape[0]:
+                return numpy.empty(shape, dtype=pointer._type_)
+            view = numpy.ctypeslib.as_array(pointer, shape)
+            return view.copy() if copy else view
 
         n, t = raw.vertex_count, raw.triangle_count
         return Pose(copied(raw.positions, n, 3), copied(raw.normals, n, 3) if raw.normals else None, copied(raw.triangles, t, 3),
@@ -362,3 +373,14 @@ class Subscriber(_Object):
 
     def stats(self):
         return self._stats(LIBRARY.ec_subscriber_get_stats, _library.SubscriberStats, SubscriberStats)
+
+
+def watch(url, **options):
+    """The poses of a stream from now on, without end; options as of Subscriber. Their arrays are views, not copies: they hold until the next
+    pose is asked for, and while the pose is kept; copy what is to stay. Raises Error."""
+    subscriber = Subscriber(url, **options)  # Ends with the last of its poses.
+    while True:
+        if check(LIBRARY.ec_subscriber_next(subscriber._open(), 1000)) == Status.OK:
+            pose = subscriber._pose(copy=False)
+            object.__setattr__(pose, "_subscriber", subscriber)
+            yield pose
