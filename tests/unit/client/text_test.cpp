@@ -51,7 +51,7 @@ TEST(HudText, SaysWhatWasLoweredAndWhy) {
   f.vertices_total = 100;
   for (const char* part : {"20/s", "62 %"}) EXPECT_THAT(text_from_lowered(LevelControl(settings), f), HasSubstr(part));
   f.lowered = "lowered";
-  EXPECT_THAT(hud_lines(f), testing::Contains(f.lowered));
+  EXPECT_THAT(hud_lines(f), ::testing::Contains(f.lowered));
 }
 
 TEST(HudText, LinesDependOnWhatIsKnown) {
