@@ -110,10 +110,9 @@ Grant::Grant(Gate& gate, Identity identity, const IpAddress& peer, std::shared_p
   holders_.reserve(identity_.key.empty() ? 1 : 2);
   const IpAddress& address = identity_.client.address;
   holders_.push_back({gate_.addresses_.account(address.limit_key(), now_us), false});
-  if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(identity_.key, now_us), true});
+  if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(holder(), now_us), true});
   site_ = holders_.back().account;
-  const bool is_single = identity_.key.empty() ? address.is_v4() : holder() == identity_.key;
-  if (!is_single) site_ = gate_.addresses_.account(holder(), now_us);
+  if (identity_.key.empty() && !address.is_v4()) site_ = gate_.addresses_.account(holder(), now_us);
 }
 
 Grant::~Grant() {

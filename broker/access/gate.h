@@ -119,8 +119,8 @@ class Grant {
   Result<void> take_place(std::int64_t open, Grant* former = nullptr);
   /// take() for what outlasts the connection: the holder()'s, until the pointer ends.
   Result<std::shared_ptr<void>> hold(Resource resource) const;
-  /// Whose shares and time it takes: a token, or an address without one. Many may have a token that only views (a link
-  /// of --share), so that each address with it is one.
+  /// Whose limits, shares and time it takes: a token, or an address without one. Many may have a token that only views
+  /// (a link of --share), so that each address with it is one.
   std::string holder() const;
   /// Whether it comes from this machine, through no proxy known to be one, and so may have more than its share.
   bool is_spared() const { return spared_; }
@@ -181,7 +181,7 @@ class Grant {
   Identity identity_;
   bool spared_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< The policy that admitted or last confirmed it.
-  /// Not the account of holders_.back(), but that of holder(): of an IPv6 site, or of a token's viewers at an address.
+  /// Not the account of holders_.back(), but that of an IPv6 site without a token.
   bool has_site() const { return site_ != holders_.back().account; }
 
   std::vector<Holder> holders_;

@@ -269,7 +269,7 @@ TEST_F(GateTest, ExpiredTokenEndsConnectionsIfConfigured) {
 TEST_F(GateTest, ResourcesAreLimitedPerAddressAndToken) {
   config_.per_address.connections = 3;
   config_.per_token.connections = 2;
-  const std::string token = token_for("a", {}, {"**"});
+  const std::string token = token_for("a", {"x"}, {"**"});
   auto first = let_in(request_from("1.1.1.1", token));
   EXPECT_TRUE(first->take(Resource::kConnection));
   auto second = let_in(request_from("2.2.2.2", token));
@@ -719,6 +719,7 @@ TEST_F(GateTest, OneHolderLeavesUploadsToOthers) {
 
 TEST_F(GateTest, OneWhoHasALinkKeepsNobodyOutWhoHasItToo) {
   config_.per_token.requests_per_s = 10;
+  config_.per_token.streams = 3;
   const std::string link = token_for("shared", {}, {"**"});
   std::vector<GrantPtr> hogs;
   do hogs.push_back(let_in(request_from("1.1.1.1", link)));
@@ -731,7 +732,11 @@ TEST_F(GateTest, OneWhoHasALinkKeepsNobodyOutWhoHasItToo) {
   EXPECT_NE(other->holder(), hogs[0]->holder());
   EXPECT_NE(other->purse(), hogs[0]->purse());
   for (int i = 0; i < 10; ++i) EXPECT_TRUE(hogs[0]->take_request(0, kSecond, 0));
-  EXPECT_FALSE(other->take_request(0, kSecond, 0)) << "what a token may do all together";
+  EXPECT_FALSE(hogs[0]->take_request(0, kSecond, 0));
+  EXPECT_TRUE(other->take_request(0, kSecond, 0));
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(hogs[0]->take(Resource::kStream));
+  EXPECT_FALSE(hogs[1]->take(Resource::kStream));
+  EXPECT_TRUE(other->take(Resource::kStream));
   hogs.clear();
   EXPECT_TRUE(let_in(request_from("1.1.1.1", link))->take_share(Resource::kConnection, 100, 1)) << "was given back";
   const std::string key = token_for("s", {"**"}, {});
