@@ -50,7 +50,9 @@ class Gait : public ::testing::Test {
     ASSERT_EQ(scene.run("bake", {"eigencast-sender", "bake", input, "--basis", basis, "--detail", detail}), 0)
         << scene.logs();
     const auto broker = scene.start_broker();
-    const auto sender = scene.start_sender({input, "--basis", basis, "--detail", detail, "--rate", "30"});
+    const auto sender = scene.start_sender({input, "--basis", basis, "--detail", detail, "--rate", "30",
+                                            // Until a viewer has a memory it gets another coding of the same poses.
+                                            "--memory", "off"});
     const auto full = scene.start_client("full", {"--frames", "1000000", "--lod", "1"});
     ASSERT_TRUE(eventually([&] { return scene.received("full").size() > 60; }, kPatience)) << scene.logs();
     const auto coarse = scene.start_client("coarse", {"--frames", "1000000", "--lod", "0.2", "--rate", "raw"});

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-import type { Controls } from '../view/controls.js';
 import { COLOUR_MAPS } from '../view/style.js';
 import type { View } from '../view/view.js';
 import { PLAYOUT_MODES } from '../core/playout.js';
@@ -7,7 +6,6 @@ import { PLAYOUT_MODES } from '../core/playout.js';
 /** What keys and buttons change. */
 export interface Desk {
   view: View;
-  controls: Controls;
   isTurning: boolean;
   hasFigures: boolean;
   hasLegend: boolean;

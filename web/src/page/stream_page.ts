@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { Broker, Stream } from '../client/client.js';
 import type { Surface } from '../client/subscription.js';
-import { Controls } from '../view/controls.js';
 import type { Stage } from '../view/stage.js';
 import { View } from '../view/view.js';
 import { COMMANDS, commandFor, type Command, type Desk } from './commands.js';
@@ -17,7 +16,7 @@ const TURN_SECONDS = 12, SAID_MS = 4000, KEPT_MS = 60_000, BANNER_MS = 200;
 /** One stream, as large as the page. */
 export class StreamPage implements Desk {
   readonly view: View;
-  readonly controls: Controls;
+  #controls: import('../view/controls.js').Controls | undefined;
   isTurning = false;
   hasLegend = true;
   readonly #place: Place;
@@ -49,7 +48,7 @@ export class StreamPage implements Desk {
     document.body.replaceChildren(this.#main);
     document.title = `${place.stream} - Eigencast`;
     this.view = new View(stage, canvas, stream);
-    this.controls = new Controls(this.view);
+    void import('../view/controls.js').then(({ Controls }) => (this.#controls = new Controls(this.view)));
     this.view.onImage = () => this.#showOwnColours('textured');
     const dark = matchMedia('(prefers-color-scheme: dark)'), setWall = (): void => this.view.setStyle({ wall: !dark.matches });
     dark.addEventListener('change', setWall);
@@ -168,7 +167,7 @@ export class StreamPage implements Desk {
     if (this.#help.open || at.matches('input, textarea') || (at.matches('button, a') && (event.key === 'Enter' || event.key === ' '))) return;
     const command = commandFor(event);
     if (command) this.#apply(command);
-    else if (event.ctrlKey || event.altKey || event.metaKey || !this.controls.onKey(event)) return;
+    else if (event.ctrlKey || event.altKey || event.metaKey || !this.#controls?.onKey(event)) return;
     event.preventDefault();
   }
 

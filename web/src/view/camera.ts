@@ -33,7 +33,7 @@ export class Camera {
   #moved = false;
 
   /** The scene's box, and points of it that home() frames; frames them unless the user has moved the camera. */
-  setScene(low: Vec3, high: Vec3, points: readonly Vec3[] = [low, high]): void {
+  setScene(low: Vec3, high: Vec3, points: readonly Vec3[]): void {
     this.#low = low;
     this.#high = high;
     this.#framed = points;

@@ -73,10 +73,10 @@ export class Renderer {
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     if (style.wall) this.#surroundings.drawWall();
     this.#lighting.bind();
+    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, surfaces.length > 0, pixelScale);
     gl.enable(gl.DEPTH_TEST);
     this.#drawMeshes(surfaces.filter((surface) => !surface.isCloud && !style.points), camera, style);
     this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale);
-    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, surfaces.length > 0, pixelScale);
     if (style.axes) this.#surroundings.drawAxes(camera);
     if (surfaces.length > 0 && surfaces.every((surface) => surface.isCloud && !surface.hasDiscs)) this.#finishCloud(camera, tile);
     else this.#target.present(tile);

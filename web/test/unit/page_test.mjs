@@ -36,12 +36,13 @@ test('ShadersBecomeEssl', () => {
 test('TheCameraFramesItsBoxUntilItIsMoved', () => {
   const camera = new Camera();
   camera.setViewport(1000, 500);
-  camera.setScene([-1, -2, -3], [3, 2, 1]);
+  const corners = [[-1, -2, -3], [3, -2, -3], [-1, 2, -3], [3, 2, -3], [-1, -2, 1], [3, -2, 1], [-1, 2, 1], [3, 2, 1]];
+  camera.setScene([-1, -2, -3], [3, 2, 1], corners);
   near(camera.target, [1, 0, -1]);
   const inside = camera.diameterPx(camera.centre, camera.radius);
   assert.ok(inside > 250 && inside < 700, `${inside}`);
   const eye = camera.position;
-  camera.setScene([-2, -4, -6], [6, 4, 2]);
+  camera.setScene([-2, -4, -6], [6, 4, 2], corners.map((corner) => corner.map((x) => 2 * x)));
   assert.ok(Math.hypot(...camera.position.map((x, i) => x - camera.target[i])) > 1.9 * Math.hypot(...eye.map((x, i) => x - [1, 0, -1][i])), 'twice the box, twice the distance');
   camera.rotate([10, 0]);
   const moved = camera.position;
