@@ -74,6 +74,7 @@ class ThreadedStream final : public SurfaceStream {
     lock.unlock();  // Copies of a large surface take as long as the thread takes to look for work.
     if (const auto copied = copy(frame, pose); !copied) return copied.error();
     lock.lock();
+    if (failure_) return *failure_;  // its bake failed meanwhile
     pose.capture_us = time_.capture_us(now, frame.time_s);
     ++stats_.taken;
     if (wanted_ || baking_) {
