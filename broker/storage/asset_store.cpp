@@ -244,40 +244,45 @@ void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& 
 }
 
 void AssetStore::forget_segments(const std::vector<Sha256>& segments) {
-  for (const Sha256& id : segments) forgotten_.insert_or_assign(id, steady_now_us());
+  const TimeUs now_us = steady_now_us();
+  for (const Sha256& id : segments) {
+    SegmentUse& use = segment_uses_[id];
+    if (--use.streams > 0) continue;
+    use.since_us = now_us;
+    forgotten_.emplace_back(id, now_us);
+  }
 }
 
 void AssetStore::on_memory(const Stream& stream) {
   const std::lock_guard lock(mutex_);
   const auto found = used_by_stream_.find(stream.name());
   if (found == used_by_stream_.end()) return;
-  auto& segments = found->second.segments;
-  forget_segments(segments);
-  segments.clear();
+  std::vector<Sha256> segments;
   if (const Generation* memory = stream.memory().get()) {
     for (const auto& segment : memory->segments) segments.push_back(*Sha256::from_hex(segment.id));
   }
+  for (const Sha256& id : segments) ++segment_uses_[id].streams;
+  forget_segments(std::exchange(found->second.segments, std::move(segments)));
 }
 
+/// One at a time under the lock, for which the loop waits.
 void AssetStore::remove_forgotten(TimeUs now_us) {
-  std::vector<std::string> aside;
-  {
-    const std::lock_guard lock(mutex_);
-    if (forgotten_.empty()) return;
-    for (const auto& [stream, used] : used_by_stream_) {
-      for (const Sha256& id : used.segments) forgotten_.erase(id);
+  while (true) {
+    const std::string aside = temporary_path();
+    {
+      const std::lock_guard lock(mutex_);
+      if (forgotten_.empty() || now_us - forgotten_.front().second <= settings_.min_idle_us) return;
+      const auto [id, since_us] = forgotten_.front();
+      forgotten_.pop_front();
+      const auto use = segment_uses_.find(id);
+      if (use == segment_uses_.end() || use->second.streams > 0 || use->second.since_us != since_us) continue;
+      segment_uses_.erase(use);
+      const auto entry = entries_.find(id);
+      if (entry == entries_.end() || ::rename(path_of(id).c_str(), aside.c_str()) != 0) continue;
+      erase(entry);
     }
-    for (auto at = forgotten_.begin(); at != forgotten_.end();) {
-      const auto entry = entries_.find(at->first);
-      const bool is_due = entry == entries_.end() || now_us - at->second > settings_.min_idle_us;
-      if (entry != entries_.end() && is_due) {
-        aside.push_back(temporary_path());
-        if (::rename(path_of(at->first).c_str(), aside.back().c_str()) == 0) erase(entry);
-      }
-      at = is_due ? forgotten_.erase(at) : std::next(at);
-    }
+    ::unlink(aside.c_str());
   }
-  for (const std::string& path : aside) ::unlink(path.c_str());
 }
 
 void AssetStore::on_announced(const Stream& stream) {

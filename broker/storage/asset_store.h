@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <list>
 #include <map>
@@ -144,9 +145,13 @@ class AssetStore final : public StreamTap {
   struct Used {
     Sha256 asset;
     std::string holder;
-    std::vector<Sha256> segments{};
+    std::vector<Sha256> segments{};  ///< Counted in segment_uses_.
   };
   using Users = std::set<std::pair<double, std::string>>;  ///< Names of holders, by load().
+  struct SegmentUse {
+    std::uint32_t streams = 0;
+    TimeUs since_us = 0;  ///< When it came to be of no stream.
+  };
   /// Keyed: senders choose ids, and could choose them for one bucket.
   struct IdHash {
     std::size_t operator()(const Sha256& id) const;
@@ -180,13 +185,14 @@ class AssetStore final : public StreamTap {
   std::mutex locking_;
   FileHandle lock_;  ///< GUARDED_BY(locking_)
   mutable std::mutex mutex_;
-  mutable std::unordered_map<Sha256, Entry, IdHash> entries_;  // GUARDED_BY(mutex_)
-  mutable std::list<Sha256> order_;                            ///< By last use, oldest first. GUARDED_BY(mutex_)
-  std::map<std::string, Used, std::less<>> used_by_stream_;    // GUARDED_BY(mutex_)
-  std::map<Sha256, TimeUs> forgotten_;                         ///< Segments, since when. GUARDED_BY(mutex_)
-  std::map<std::string, Holder, std::less<>> holders_;         // GUARDED_BY(mutex_)
-  std::set<std::pair<double, const Holder*>> by_load_;         // GUARDED_BY(mutex_)
-  std::atomic<TimeUs> noted_us_{kNever};                       ///< note_uses() has noted all uses at that time.
+  mutable std::unordered_map<Sha256, Entry, IdHash> entries_;    // GUARDED_BY(mutex_)
+  mutable std::list<Sha256> order_;                              ///< By last use, oldest first. GUARDED_BY(mutex_)
+  std::map<std::string, Used, std::less<>> used_by_stream_;      // GUARDED_BY(mutex_)
+  std::unordered_map<Sha256, SegmentUse, IdHash> segment_uses_;  // GUARDED_BY(mutex_)
+  std::deque<std::pair<Sha256, TimeUs>> forgotten_;              ///< As they came out of use. GUARDED_BY(mutex_)
+  std::map<std::string, Holder, std::less<>> holders_;           // GUARDED_BY(mutex_)
+  std::set<std::pair<double, const Holder*>> by_load_;           // GUARDED_BY(mutex_)
+  std::atomic<TimeUs> noted_us_{kNever};                         ///< note_uses() has noted all uses at that time.
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};
   std::atomic<std::uint64_t> objects_{0};

@@ -10,11 +10,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <thread>
 
+#include "broker/relay/hub.h"
 #include "tests/unit/broker/support.h"
 
 namespace eigencast::broker {
@@ -518,6 +520,37 @@ TEST_F(AssetStoreTest, ReadOnlyFolderServesWhatItHas) {
   fs::remove(folder_ + "/broker.lock");
   EXPECT_TRUE(put(Bytes(8, 1))) << "as soon as it takes files again";
   EXPECT_EQ(AssetStore::open(folder_, {}).error().code, ErrorCode::kRefused);
+}
+
+/// One that both remember, and one of each.
+TEST_F(AssetStoreTest, SegmentsGoWithTheLastStreamThatRemembersThem) {
+  open({.min_idle_us = -1});
+  Hub::Settings settings;
+  settings.stream.taps = {store_.get()};
+  Hub hub(settings);
+  const std::array segments{testing::segment_of(0, 10, {}), testing::segment_of(10, 10, {}),
+                            testing::segment_of(20, 10, {})};
+  for (const auto& segment : segments) ASSERT_TRUE(put(*segment.coded));
+  std::array<testing::FakeSender, 2> senders;
+  std::array<Stream*, 2> streams{};
+  for (std::size_t i = 0; i < 2; ++i) {
+    streams[i] = hub.open(i == 0 ? "a" : "b").value();
+    ASSERT_TRUE(streams[i]->claim(senders[i]));
+    ASSERT_TRUE(streams[i]->announce(testing::small_announce(), 1));
+    ASSERT_TRUE(hub.remember(*streams[i], {segments[2], segments[i]}));
+  }
+  const auto are_there = [&] {
+    store_->note_uses();
+    std::string text;
+    for (const auto& segment : segments) text += store_->contains(*Sha256::from_hex(segment.id)) ? "x" : "-";
+    return text;
+  };
+  EXPECT_EQ(are_there(), "xxx");
+  ASSERT_TRUE(streams[0]->announce(testing::small_announce(), 2));
+  EXPECT_EQ(are_there(), "-xx") << "a new epoch remembers nothing";
+  ASSERT_TRUE(hub.remember(*streams[0], {segments[1]}));
+  ASSERT_TRUE(streams[1]->announce(testing::small_announce(), 2));
+  EXPECT_EQ(are_there(), "-x-");
 }
 
 }  // namespace
