@@ -30,6 +30,7 @@ class RecordedPoses {
 
   Result<void> take(const Record& record) {
     if (record.type == Type::kAnnounce) return begin(record);
+    if (record.type == Type::kMemory) return remember(record.body);
     if (record.type != Type::kFrame && record.type != Type::kCheckpoint) return {};
     const auto parsed = parse_frame(record.body);
     if (!parsed) return parsed.error();
@@ -71,23 +72,45 @@ class RecordedPoses {
     return {};
   }
 
+  /// REQUIRES: it is held.
+  Result<Bytes> object_of(const Sha256& id) {
+    const auto object = reader_.object_at(held_.at(id));
+    if (!object) return object.error();
+    return Bytes(object->body.begin() + recording::kIdBytes, object->body.end());
+  }
+
+  /// The poses that later keys are predicted from. Errors: kCorrupt, those of decode_segment.
+  Result<void> remember(ByteView ids) {
+    const auto asset = clip_.info ? Sha256::from_hex(clip_.info->asset) : std::nullopt;
+    if (!asset || decoder_.layout().is_float() || ids.size() % recording::kIdBytes != 0)
+      return fail(ErrorCode::kCorrupt, "a memory without an announcement that it fits");
+    decoder_.set_memory(std::nullopt);
+    for (; !ids.empty(); ids = ids.subspan(recording::kIdBytes)) {
+      Sha256 id;
+      std::copy_n(ids.begin(), recording::kIdBytes, id.digest.begin());
+      if (!held_.contains(id))
+        return fail(ErrorCode::kCorrupt, "the recording lacks segment " + id.hex() + " of a memory");
+      const auto coded = object_of(id);
+      if (!coded) return coded.error();
+      auto segment = decode_segment(decoder_.layout(), asset->digest, *coded);
+      if (!segment) return segment.error();
+      if (const auto grown = decoder_.remember(*std::move(segment)); !grown) return grown;
+    }
+    return {};
+  }
+
   Result<void> read_surface(const control::StreamInfo& info) {
     const auto id = Sha256::from_hex(info.asset);
     if (!id) return fail(ErrorCode::kCorrupt, "the recorded announcement names no surface");
     const auto offsets = reader_.object_offsets();
     if (!offsets) return offsets.error();
-    std::map<Sha256, std::uint64_t> held;
     for (const std::uint64_t offset : *offsets) {
       const auto object = reader_.object_at(offset);
       if (!object) return object.error();
-      held.emplace(sha256(ByteView(object->body).subspan(recording::kIdBytes)), offset);
+      held_.emplace(sha256(ByteView(object->body).subspan(recording::kIdBytes)), offset);
     }
     auto whole = assemble_asset(*id, [&](const Sha256& wanted) -> Result<Bytes> {
-      if (const auto at = held.find(wanted); at != held.end()) {
-        const auto object = reader_.object_at(at->second);
-        if (!object) return object.error();
-        return Bytes(object->body.begin() + recording::kIdBytes, object->body.end());
-      }
+      if (held_.contains(wanted)) return object_of(wanted);
       if (auto cached = cache_.load(wanted)) return *std::move(cached);
       return fail(ErrorCode::kNotFound,
                   "it does not hold its surface, and the cache has not seen it: watch the stream once, or record with "
@@ -127,6 +150,7 @@ class RecordedPoses {
   BakedClip& clip_;
   EnvelopeReader envelopes_;
   FrameDecoder decoder_;
+  std::map<Sha256, std::uint64_t> held_;  ///< Objects, and where they are.
   std::uint32_t epoch_ = 0;
   std::optional<TimeUs> last_capture_us_;
   TimeUs last_recorded_us_ = 0;
