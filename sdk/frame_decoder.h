@@ -44,6 +44,8 @@ class FrameDecoder {
   /// The newest key if it was sent ahead and not taken yet: poses that lead up to it follow. Valid until decode().
   const Key* take_ahead() { return std::exchange(ahead_, false) && chain_ ? &chain_->newer : nullptr; }
   TimeUs newest_capture_us() const { return newest_capture_us_; }
+  /// Where in the memory the newest key was predicted from, if it was.
+  std::optional<std::uint32_t> phase() const { return chain_ ? chain_->phase : std::nullopt; }
 
   const CoefficientLayout& layout() const { return layout_; }
   std::vector<double> coefficients(const Key& key) const;  ///< r x c, scalars in the sender's units.

@@ -50,17 +50,17 @@ ROOMS = {
     "broker": {"common/core", "broker/access", "broker/backbone", "broker/command_line", "broker/config", "broker/connections", "broker/http",
                "broker/loops", "broker/operation", "broker/relay", "broker/sockets", "broker/storage"},
     "sdk": {"common/core", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface", "common/spectral",
-            "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/surface/checks", "common/asset/format", "common/asset/tiles"},
+            "common/progressive", "common/asset", "common/reconstruction", "common/recording", "common/net", "common/surface/checks", "common/asset/format", "common/asset/tiles"},
     # Surfaces and handles: no window, no network.
     "sender/deform": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/surface/checks"},
     # The window over them.
     "sender/studio": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "view"},
     "sender": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/surface",
-               "common/spectral", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
+               "common/spectral", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/levels", "common/wire", "common/motion", "common/surface",
-               "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "common/surface/formats", "common/surface/shapes"},
+               "common/asset", "common/reconstruction", "common/net", "sdk", "common/surface/formats", "common/surface/shapes"},
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/asset", "common/reconstruction",
                       "common/net", "sdk", "common/surface/shapes"},
     "tools/compare": {"common/core", "common/surface", "common/asset", "sender"},

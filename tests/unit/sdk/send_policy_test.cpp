@@ -70,7 +70,7 @@ TEST(RateControl, BandsReturnAfterEverLongerPauses) {
 }
 
 /// What a receiver knows at each time: it interpolates between held keys, or goes on along the last two.
-struct Key {
+struct TimedKey {
   TimeUs time;
   double value;
 };
@@ -79,7 +79,7 @@ TEST(StillGate, InterpolationStaysWithinTheBound) {
   constexpr double kBound = 0.01;
   const auto truth = [](int frame) { return frame < 20 ? 0.1 * frame : frame < 60 ? 1.9 : 1.9 + 0.1 * (frame - 59); };
   StillGate gate(kBound, 1'000'000);
-  std::vector<Key> keys;
+  std::vector<TimedKey> keys;
   for (int frame = 0; frame < 80; ++frame) {
     const TimeUs now = frame * kFrameUs;
     const double value = truth(frame);
@@ -92,11 +92,11 @@ TEST(StillGate, InterpolationStaysWithinTheBound) {
   for (std::size_t i = 1; i < keys.size(); ++i) ASSERT_GT(keys[i].time, keys[i - 1].time) << "times grow";
   for (int frame = 0; frame < 80; ++frame) {
     const TimeUs now = frame * kFrameUs;
-    const auto after = std::find_if(keys.begin(), keys.end(), [now](const Key& key) { return key.time >= now; });
+    const auto after = std::find_if(keys.begin(), keys.end(), [now](const TimedKey& key) { return key.time >= now; });
     ASSERT_NE(after, keys.end());
     double shown = after->value;
     if (after->time > now) {
-      const Key& before = *(after - 1);
+      const TimedKey& before = *(after - 1);
       const double u = static_cast<double>(now - before.time) / static_cast<double>(after->time - before.time);
       shown = before.value + u * (after->value - before.value);
     }
