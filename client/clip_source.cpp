@@ -11,11 +11,11 @@
 #include <utility>
 
 #include "client/clip_truth.h"
-#include "client/recorded_clip.h"
 #include "common/core/text.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
 #include "common/surface/shapes/shapes.h"
+#include "sdk/recorded_clip.h"
 
 namespace eigencast {
 namespace {
@@ -111,9 +111,30 @@ std::optional<std::string> clip_in(const std::string& stream) {
   return path;
 }
 
+namespace {
+
+Result<std::shared_ptr<const BakedClip>> open_recording(const std::string& path, const std::string& cache_dir,
+                                                        const BakeProgress& progress) {
+  auto read = read_recording(path, cache_dir, progress);
+  if (!read) return read.error();
+  auto clip = std::make_shared<BakedClip>();
+  clip->period_us = read->period_us();
+  clip->name = read->info.stream;
+  clip->asset_id = read->info.asset;
+  clip->rate_hz = read->info.key_rate_hz;
+  clip->asset = std::move(read->asset);
+  clip->frames = std::move(read->frames);
+  clip->times_us = std::move(read->times_us);
+  clip->is_cycle = ends_where_it_begins(clip->frames);
+  clip->info = std::move(read->info);
+  return std::shared_ptr<const BakedClip>(std::move(clip));
+}
+
+}  // namespace
+
 Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,
                                                          const BakeProgress& progress) {
-  if (is_recording(input)) return read_recording(input, cache_dir, progress);
+  if (is_recording(input)) return open_recording(input, cache_dir, progress);
   auto clip = open_input(input);
   if (!clip) return clip.error();
   BakeOptions options;

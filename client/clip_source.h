@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "client/clip_motion.h"
+#include "common/motion/clip_motion.h"
 #include "common/motion/timeline.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"

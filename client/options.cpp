@@ -10,12 +10,12 @@
 #include "client/clip_source.h"
 #include "client/hud_text.h"
 #include "client/open_source.h"
-#include "client/recorded_clip.h"
 #include "client/settings.h"
 #include "common/command_line/command_line.h"
 #include "common/surface/formats/read.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
+#include "sdk/recorded_clip.h"
 
 namespace eigencast {
 namespace {

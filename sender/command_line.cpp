@@ -13,6 +13,7 @@
 #include "common/surface/formats/read.h"
 #include "common/surface/formats/write.h"
 #include "common/wire/control.h"
+#include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
 #include "sender/option_groups.h"
 
@@ -43,7 +44,8 @@ eigencast-sender deform heart --script twist --to http://broker:7490/heart     #
 eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to http://broker:7490/dragon)";
 constexpr const char* kExportExamples =
     R"(eigencast-sender export fox.glb --to fox.mdd
-eigencast-sender export clip.npy --to frames/)";
+eigencast-sender export clip.npy --to frames/
+eigencast-sender export show.ecrec --to show.glb --from 10 --duration 5 --level 0.3)";
 constexpr const char* kEvaluateExamples =
     R"(eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
 eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json)";
@@ -264,12 +266,22 @@ void add_commands(CLI::App& app, Settings& s) {
   CLI::App* export_clip = app.add_subcommand("export", "Write a clip in another format");
   runs(*export_clip, s, s.export_clip, kExportExamples);
   add_clip_options(*export_clip, s.export_clip.source);
+  s.export_clip.source.cache_dir = default_cache_dir();
   export_clip->option_defaults()->group(kOwnGroup);
   export_clip
-      ->add_option("--to", s.export_clip.to,
-                   "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
+      ->add_option(
+          "--to", s.export_clip.to,
+          "x.glb (morph targets), x.usda, x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off "
+          "(a file a pose) or folder/")
       ->required()
       ->check(output_path(check_clip_path));
+  bounded(*export_clip, "--from", s.export_clip.part.from_s, "begin so many seconds into the clip", 0.0, kMaxSeconds);
+  bounded(*export_clip, "--duration", s.export_clip.part.duration_s, "write so many seconds (default: to the end)",
+          1e-3, kMaxSeconds);
+  bounded(*export_clip, "--rate", s.export_clip.part.rate_hz, "poses a second (default: the clip's)", 0.1, 1000.0);
+  bounded(*export_clip, "--level", s.export_clip.part.level, "part of the vertices (default: 1)", 1e-6, 1.0);
+  bounded(*export_clip, "--targets", s.export_clip.targets,
+          "morph targets of a .glb (default: the fewest that move no vertex by over 1e-4 of the diagonal)", 1, 512);
   export_clip->add_flag("--force", s.export_clip.force, "write into a folder that holds files already");
   export_clip->add_option("--json", s.export_clip.json, "write a report")->check(output_path(check_output_file));
 

@@ -9,6 +9,7 @@
 #include "common/net/url.h"
 #include "sdk/contexts.h"
 #include "sdk/publisher.h"
+#include "sender/clip_part.h"
 #include "sender/console.h"
 #include "sender/evaluate.h"
 #include "sender/source.h"
@@ -78,7 +79,9 @@ struct ContextCommand {
 
 struct ExportCommand {
   SourceOptions source;
+  ClipPart part;
   std::string to;
+  int targets = 0;     ///< Of glTF; 0: the fewest that show all.
   bool force = false;  ///< Into a folder that holds files, too.
   std::string json;
 };

@@ -21,17 +21,17 @@ CLI::Validator positive() {
 
 void add_clip_options(CLI::App& app, SourceOptions& source) {
   app.option_defaults()->group("The clip");
-  app.add_option(
-         "input", source.input,
-         "built-in shape (heart, bar, torus, sphere, ...), clip.npy, .pc2, .mdd, .glb or .gltf, folder or 'glob' of "
-         "OBJ/PLY/OFF/STL/XYZ, or one file")
+  app.add_option("input", source.input,
+                 "built-in shape (heart, bar, torus, sphere, ...), clip.npy, .pc2, .mdd, .glb or .gltf, "
+                 "recording.ecrec, folder or 'glob' of "
+                 "OBJ/PLY/OFF/STL/XYZ, or one file")
       ->required();
   app.add_option("--rest", source.rest, "file of the rest pose (default: beside the clip, or its first frame)");
   app.add_option("--faces", source.faces, "faces of a .npy clip (default: faces.npy beside it)");
   app.add_option("--animation", source.animation, "name or number of a glTF file's animation (default: the first)");
-  app.add_option("--sample-rate", source.sample_rate_hz, "poses a second that a glTF animation is sampled at")
-      ->check(CLI::Range(0.1, 1000.0))
-      ->capture_default_str();
+  app.add_option("--sample-rate", source.sample_rate_hz,
+                 "poses a second that a glTF animation or a recording is sampled at (default: 30; a recording's own)")
+      ->check(CLI::Range(0.1, 1000.0));
 }
 
 template <typename Names, typename Value>

@@ -10,8 +10,10 @@
 #include "common/surface/formats/read.h"
 #include "common/surface/shapes/shapes.h"
 #include "common/wire/limits.h"
+#include "sdk/recorded_clip.h"
 #include "sender/deform/cage.h"
 #include "sender/order_check.h"
+#include "sender/recorded_motion.h"
 
 namespace eigencast {
 namespace {
@@ -104,7 +106,11 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
   std::error_code ignored;
   const bool is_word = options.input.find_first_of("/*?[.") == std::string::npos;
   if (is_word && !std::filesystem::exists(options.input, ignored)) return builtin_clip(options.input);
-  return open_clip(options.input, {options.rest, options.faces, options.animation, options.sample_rate_hz});
+  if (is_recording(options.input))
+    return open_recorded_motion(options.input, options.cache_dir, options.sample_rate_hz);
+  ClipOptions clip{options.rest, options.faces, options.animation};
+  if (options.sample_rate_hz > 0) clip.rate_hz = options.sample_rate_hz;
+  return open_clip(options.input, clip);
 }
 
 Result<void> check_basis(BasisKind basis, const MotionClip& clip) {

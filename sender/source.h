@@ -19,11 +19,11 @@ struct CageOptions {
 };
 
 struct SourceOptions {
-  std::string input;           ///< Name of a built-in shape, or a path, directory or glob.
-  std::string rest;            ///< File of the rest pose (default: the first frame).
-  std::string faces;           ///< faces.npy of a .npy clip (default: the one beside it).
-  std::string animation;       ///< Picks one of a glTF file by name or number (default: the first).
-  double sample_rate_hz = 30;  ///< Samples formats that state curves instead of poses.
+  std::string input;          ///< Name of a built-in shape, or a path, directory or glob.
+  std::string rest;           ///< File of the rest pose (default: the first frame).
+  std::string faces;          ///< faces.npy of a .npy clip (default: the one beside it).
+  std::string animation;      ///< Picks one of a glTF file by name or number (default: the first).
+  double sample_rate_hz = 0;  ///< Samples formats that state curves instead of poses; 0: 30, a recording's own.
   BasisKind basis = BasisKind::kAugmented;
   EigenSolver solver = EigenSolver::kLanczos;  ///< Solves augmented and harmonic bases.
   int rank = 0;  ///< 0: by the wish; without one 200, of pca 50, of rig and cage all columns that there are.

@@ -56,7 +56,7 @@ ROOMS = {
     # The window over them.
     "sender/studio": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "view"},
     "sender": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/surface",
-               "common/spectral", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
+               "common/spectral", "common/motion", "common/progressive", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/levels", "common/wire", "common/motion", "common/surface",

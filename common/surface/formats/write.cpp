@@ -4,14 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <system_error>
 
 #include "common/core/files.h"
 #include "common/surface/formats/file_text.h"
+#include "common/surface/formats/new_file.h"
+#include "common/surface/formats/usd.h"
 
 namespace eigencast {
 namespace {
@@ -22,6 +22,8 @@ enum class Form : std::uint8_t {
   kFolder,    ///< A file for each pose, in it.
   kSequence,  ///< A file for each pose, beside each other.
   kCache,     ///< One file, with the rest pose beside it.
+  kUsd,       ///< One file.
+  kMorphed,   ///< Likewise; by write_morphed().
 };
 
 Result<std::string> ending_of_surface(const std::string& path) {
@@ -35,15 +37,12 @@ Result<Form> form_of(const std::string& path, const std::string& ending) {
   if (path.empty() || path.back() == '/' || fs::is_directory(path, ignored)) return Form::kFolder;
   if (ending == "pc2" || ending == "mdd" || ending == "npy") return Form::kCache;
   if (ending == "obj" || ending == "ply" || ending == "off") return Form::kSequence;
+  if (ending == "usda") return Form::kUsd;
+  if (ending == "glb") return Form::kMorphed;
   return fail(ErrorCode::kUnsupported,
-              path + ": clips that end in pc2, mdd, npy, obj, ply or off, and folders (ending in /) can be written");
-}
-
-// The shortest text that reads back as the same double.
-void append_number(std::string& text, double value) {
-  std::array<char, 32> digits;
-  const auto [end, error] = std::to_chars(digits.data(), digits.data() + digits.size(), value);
-  if (error == std::errc()) text.append(digits.data(), end);
+              path +
+                  ": clips that end in glb, usda, pc2, mdd, npy, obj, ply or off, and folders (ending in /) can be "
+                  "written");
 }
 
 void append_position(std::string& text, const char* start, const Vec3& p) {
@@ -101,35 +100,6 @@ std::string ply_bytes(const Surface& surface) {
   return bytes;
 }
 
-/// A file that has its name only when it is whole.
-class NewFile {
- public:
-  explicit NewFile(const std::string& path)
-      : path_(path), part_(path + ".part"), out_(part_, std::ios::binary | std::ios::trunc) {}
-  ~NewFile() {
-    std::error_code ignored;
-    if (!done_) fs::remove(part_, ignored);
-  }
-  NewFile(const NewFile&) = delete;
-  NewFile& operator=(const NewFile&) = delete;
-
-  void write(const std::string& bytes) { out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size())); }
-  bool good() const { return out_.good(); }
-  Result<void> finish() {
-    out_.close();
-    std::error_code code;
-    if (out_) fs::rename(part_, path_, code);
-    if (!out_ || code) return fail(ErrorCode::kIo, path_ + ": cannot be written; is there a folder, and room in it?");
-    done_ = true;
-    return {};
-  }
-
- private:
-  std::string path_, part_;
-  std::ofstream out_;
-  bool done_ = false;
-};
-
 std::string npy_header(std::size_t vertices, std::size_t frames) {
   std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" + std::to_string(frames) + ", " +
                        std::to_string(vertices) + ", 3), }";
@@ -185,13 +155,12 @@ Result<void> write_cache(const MotionClip& clip, const std::string& path, const 
   const std::size_t n = clip.rest().vertex_count();
   const std::size_t frames = clip.frame_count();
   NewFile file(path);
-  file.write(ending == "pc2"   ? pc2_header(n, frames)
-             : ending == "mdd" ? mdd_header(n, frames, clip.frame_rate_hz())
-                               : npy_header(n, frames));
-  const auto written = for_each_pose(clip, progress, [&](std::size_t, std::vector<Vec3> pose) -> Result<void> {
-    file.write(bytes_of_pose(pose, ending == "mdd"));
-    return file.good() ? Result<void>()
-                       : fail(ErrorCode::kIo, path + ": cannot be written; is there a folder, and room in it?");
+  const auto begun = file.write(ending == "pc2"   ? pc2_header(n, frames)
+                                : ending == "mdd" ? mdd_header(n, frames, clip.frame_rate_hz())
+                                                  : npy_header(n, frames));
+  if (!begun) return begun;
+  const auto written = for_each_pose(clip, progress, [&](std::size_t, const std::vector<Vec3>& pose) {
+    return file.write(bytes_of_pose(pose, ending == "mdd"));
   });
   if (!written) return written;
   if (const auto rest = write_surface(clip.rest(), fs::path(path).replace_extension(".obj").string()); !rest)
@@ -221,8 +190,9 @@ Result<void> check_surface_path(const std::string& path) {
 Result<void> check_clip_path(const std::string& path) {
   const auto form = form_of(path, text::ending_of(path));
   if (!form) return form.error();
-  if (*form == Form::kCache) return check_output_file(path);
-  return check_output_folder(*form == Form::kFolder ? path : fs::path(path).parent_path().string());
+  if (*form == Form::kFolder || *form == Form::kSequence)
+    return check_output_folder(*form == Form::kFolder ? path : fs::path(path).parent_path().string());
+  return check_output_file(path);
 }
 
 Result<void> write_surface(const Surface& surface, const std::string& path) {
@@ -238,6 +208,9 @@ Result<void> write_clip(const MotionClip& clip, const std::string& path, const W
   const auto form = form_of(path, ending);
   if (!form) return form.error();
   if (*form == Form::kCache) return write_cache(clip, path, ending, progress);
+  if (*form == Form::kUsd) return write_usd(clip, path, progress);
+  if (*form == Form::kMorphed)
+    return fail(ErrorCode::kUnsupported, path + ": glTF holds a MorphedMotion, see write_morphed()");
   return *form == Form::kFolder ? write_sequence(clip, fs::path(path) / "frame", "obj", progress)
                                 : write_sequence(clip, fs::path(path).replace_extension(), ending, progress);
 }

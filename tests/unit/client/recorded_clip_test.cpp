@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/recorded_clip.h"
+#include "client/clip_source.h"
 
 #include <gtest/gtest.h>
 

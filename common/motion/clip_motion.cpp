@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/clip_motion.h"
+#include "common/motion/clip_motion.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/recorded_clip.h"
+#include "sdk/recorded_clip.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,7 +20,7 @@ constexpr TimeUs kSameClockUs = 1'000'000;
 /// Makes the poses of a recording to those of one clip.
 class RecordedPoses {
  public:
-  RecordedPoses(RecordedStream& stream, const std::string& cache_dir, BakedClip& clip)
+  RecordedPoses(RecordedStream& stream, const std::string& cache_dir, RecordedClip& clip)
       : stream_(stream), cache_(cache_dir), clip_(clip) {}
 
   Result<void> take(const RecordedStream::Event& event) {
@@ -31,8 +31,8 @@ class RecordedPoses {
 
  private:
   Result<void> begin(const control::Announce& announce) {
-    if (clip_.info) {
-      if (clip_.info->asset == announce.asset && clip_.info->format == announce.format) return {};
+    if (has_begun_) {
+      if (clip_.info.asset == announce.asset && clip_.info.format == announce.format) return {};
       return fail(ErrorCode::kUnsupported,
                   "its sender changes the surface on the way; eigencast-sender replay plays it");
     }
@@ -56,6 +56,7 @@ class RecordedPoses {
       return fail(ErrorCode::kCorrupt, "the recorded poses do not fit their surface");
     clip_.asset = std::move(whole->asset);
     clip_.info = std::move(info);
+    has_begun_ = true;
     return {};
   }
 
@@ -91,7 +92,8 @@ class RecordedPoses {
 
   RecordedStream& stream_;
   const AssetCache cache_;
-  BakedClip& clip_;
+  RecordedClip& clip_;
+  bool has_begun_ = false;
   TimeUs last_capture_us_ = 0;
   TimeUs last_recorded_us_ = 0;
   std::size_t bytes_ = 0;
@@ -111,26 +113,24 @@ Result<void> read_all(RecordedStream& stream, RecordedPoses& poses, const BakePr
 
 }  // namespace
 
+TimeUs RecordedClip::period_us() const {
+  const auto steps = static_cast<TimeUs>(times_us.size()) - 1;
+  return times_us.back() + (steps > 0 ? times_us.back() / steps : 33'333);
+}
+
 bool is_recording(const std::string& path) {
   return path.ends_with(".ecrec");
 }
 
-Result<std::shared_ptr<const BakedClip>> read_recording(const std::string& path, const std::string& cache_dir,
-                                                        const BakeProgress& progress) {
+Result<RecordedClip> read_recording(const std::string& path, const std::string& cache_dir,
+                                    const BakeProgress& progress) {
   auto stream = RecordedStream::open(path);
   if (!stream) return stream.error();
-  auto clip = std::make_shared<BakedClip>();
-  RecordedPoses poses(*stream, cache_dir, *clip);
+  RecordedClip clip;
+  RecordedPoses poses(*stream, cache_dir, clip);
   if (const auto read = read_all(*stream, poses, progress); !read) return in_context(path, read.error());
-  if (clip->frames.empty()) return fail(ErrorCode::kCorrupt, path + ": the recording has no poses");
-  clip->name = clip->info->stream;
-  clip->asset_id = clip->info->asset;
-  clip->rate_hz = clip->info->key_rate_hz;
-  const std::size_t steps = clip->times_us.size() - 1;
-  // The last pose lasts as long as the others do.
-  clip->period_us = clip->times_us.back() + (steps > 0 ? clip->times_us.back() / static_cast<TimeUs>(steps) : 33'333);
-  clip->is_cycle = ends_where_it_begins(clip->frames);
-  return std::shared_ptr<const BakedClip>(std::move(clip));
+  if (clip.frames.empty()) return fail(ErrorCode::kCorrupt, path + ": the recording has no poses");
+  return clip;
 }
 
 }  // namespace eigencast

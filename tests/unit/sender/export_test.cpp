@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <optional>
+#include <regex>
+
+#include "common/codec/chain.h"
+#include "common/core/files.h"
+#include "common/reconstruction/reconstruct.h"
+#include "common/recording/writer.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/write.h"
+#include "common/surface/shapes/shapes.h"
+#include "common/surface/vector.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
+#include "sender/clip_part.h"
+#include "sender/morph_targets.h"
+#include "sender/source.h"
+#include "tests/support/process.h"
+
+namespace eigencast {
+namespace {
+
+double diagonal_of(const MotionClip& clip) {
+  return bounding_box(clip.rest().positions).diagonal();
+}
+
+double largest_distance(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
+  EXPECT_EQ(a.size(), b.size());
+  double largest = 0;
+  for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i) largest = std::max(largest, length(a[i] - b[i]));
+  return largest;
+}
+
+/// Of all poses of two clips of as many.
+double largest_distance(const MotionClip& a, const MotionClip& b) {
+  EXPECT_EQ(a.frame_count(), b.frame_count());
+  double largest = 0;
+  for (std::size_t f = 0; f < std::min(a.frame_count(), b.frame_count()); ++f)
+    largest = std::max(largest, largest_distance(a.pose(f).value(), b.pose(f).value()));
+  return largest;
+}
+
+/// Poses as a list, so that each can be told from its neighbours.
+class ListedClip final : public MotionClip {
+ public:
+  explicit ListedClip(std::vector<std::vector<Vec3>> poses) : poses_(std::move(poses)) {
+    rest_ = make_icosphere(2);
+    if (!poses_.empty()) rest_.positions = poses_[0];
+  }
+  const Surface& rest() const override { return rest_; }
+  std::size_t frame_count() const override { return poses_.size(); }
+  double frame_rate_hz() const override { return 20; }
+  Result<std::vector<Vec3>> pose(std::size_t frame) const override { return poses_.at(frame); }
+  std::string name() const override { return "listed"; }
+
+ private:
+  std::vector<std::vector<Vec3>> poses_;
+  Surface rest_;
+};
+
+/// Pose f of a ball whose vertex i moves in a direction of its own, by f^2.
+std::unique_ptr<MotionClip> parabolic(std::size_t frames) {
+  std::vector<std::vector<Vec3>> poses;
+  for (std::size_t f = 0; f < frames; ++f) {
+    poses.push_back(make_icosphere(2).positions);
+    for (std::size_t i = 0; i < poses[f].size(); ++i)
+      poses[f][i] = poses[f][i] + 0.001 * static_cast<double>(f * f) * Vec3{std::sin(1.0 * i), std::cos(2.0 * i), 1};
+  }
+  return std::make_unique<ListedClip>(std::move(poses));
+}
+
+TEST(ClipParts, TheWholeIsTheClip) {
+  auto clip = parabolic(6);
+  const MotionClip* before = clip.get();
+  EXPECT_EQ(part_of(std::move(clip), {}).value().get(), before);
+}
+
+TEST(ClipParts, HoldTheirRangeAtTheirRate) {
+  const auto part = part_of(parabolic(20), {0.25, 0.5, 40, 1}).value();
+  const auto whole = parabolic(20);
+  ASSERT_EQ(part->frame_count(), 20u);
+  EXPECT_EQ(part->frame_rate_hz(), 40);
+  for (std::size_t f = 0; f < 20; ++f) {
+    if (f % 2 == 0) {
+      EXPECT_EQ(part->pose(f).value(), whole->pose(5 + f / 2).value()) << "to the bit where the clip has it";
+    }
+    const double at = 5 + static_cast<double>(f) / 2;  // the curve is exact for parabolas
+    const Vec3 moved = part->pose(f).value()[3] - whole->rest().positions[3];
+    EXPECT_NEAR(moved[2], 0.001 * at * at, 1e-9) << f;
+  }
+  EXPECT_EQ(part_of(parabolic(20), {0.9, 0, 0, 1}).value()->frame_count(), 2u);
+  EXPECT_EQ(part_of(parabolic(20), {1, 0, 0, 1}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(part_of(parabolic(20), {0, 0, 1e9, 1}).error().code, ErrorCode::kTooLarge);
+}
+
+TEST(ClipParts, LevelsAreSomeOfTheVertices) {
+  const auto part = part_of(parabolic(20), {0, 0, 0, 0.25}).value();
+  const auto whole = parabolic(20);
+  const std::size_t n = part->rest().vertex_count();
+  EXPECT_EQ(n, std::lround(0.25 * static_cast<double>(whole->rest().vertex_count())));
+  ASSERT_TRUE(check_values(part->rest()));
+  EXPECT_EQ(part->rest().faces.size(), 2 * n - 4) << "still a closed ball";
+  const auto some = part->pose(7).value(), all = whole->pose(7).value();
+  for (const Vec3& p : some) {
+    EXPECT_NE(std::find(all.begin(), all.end(), p), all.end());
+  }
+}
+
+TEST(MorphTargetsTest, ShowEveryPoseOfTheClip) {
+  const testing::TemporaryFolder folder;
+  for (const char* name : {"heart", "bar:twist"}) {
+    const auto clip = part_of(builtin_clip(name).value(), {0, 1.5, 0, 1}).value();
+    const auto made = morph_targets_of(*clip, 0, {});
+    ASSERT_TRUE(made) << made.error().message;
+    EXPECT_LE(made->largest_error, 1e-4);
+    EXPECT_LT(made->motion.targets, clip->frame_count() / 2) << "few: the motion is smooth";
+    const std::string path = folder.file("a.glb");
+    ASSERT_TRUE(write_morphed(*clip, made->motion, path));
+    const auto read = open_clip(path, {{}, {}, {}, clip->frame_rate_hz()});
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ((*read)->rest().faces, clip->rest().faces);
+    EXPECT_LE(largest_distance(**read, *clip), (made->largest_error + 1e-6) * diagonal_of(*clip)) << name;
+  }
+}
+
+TEST(MorphTargetsTest, StateTheErrorOfTooFew) {
+  const testing::TemporaryFolder folder;
+  const auto clip = part_of(builtin_clip("heart").value(), {0, 1, 0, 1}).value();
+  double before = 1;
+  for (const std::size_t targets : {1u, 2u, 4u}) {
+    const auto made = morph_targets_of(*clip, targets, {});
+    ASSERT_TRUE(made) << made.error().message;
+    EXPECT_EQ(made->motion.targets, targets);
+    EXPECT_LT(made->rms_error, before);
+    before = made->rms_error;
+    ASSERT_TRUE(write_morphed(*clip, made->motion, folder.file("a.glb")));
+    const auto read = open_clip(folder.file("a.glb"), {{}, {}, {}, clip->frame_rate_hz()}).value();
+    EXPECT_NEAR(largest_distance(*read, *clip) / diagonal_of(*clip), made->largest_error, 1e-6);
+  }
+}
+
+/// Each pose is another one: more directions than are held.
+TEST(MorphTargetsTest, FindThePrincipalOnesOfMany) {
+  std::vector<std::vector<Vec3>> poses;
+  const std::size_t n = make_icosphere(2).vertex_count();
+  for (std::size_t f = 0; f < 600; ++f) {
+    poses.push_back(make_icosphere(2).positions);
+    if (f == 0) continue;
+    poses[f][f % n][f % 3] += 0.01;                                                 // noise of its own
+    for (Vec3& p : poses[f]) p[1] += 0.1 * std::sin(0.1 * static_cast<double>(f));  // what all have in common
+  }
+  const ListedClip clip(std::move(poses));
+  const auto one = morph_targets_of(clip, 1, {});
+  ASSERT_TRUE(one);
+  EXPECT_NEAR(one->rms_error * diagonal_of(clip), 0.01 / std::sqrt(static_cast<double>(n)), 2e-5);
+  EXPECT_LE(morph_targets_of(clip, 0, {})->largest_error, 1e-4);
+}
+
+TEST(MorphTargetsTest, OfAStillClipDoNothing) {
+  const ListedClip clip({make_icosphere(2).positions, make_icosphere(2).positions});
+  const auto made = morph_targets_of(clip, 0, {});
+  ASSERT_TRUE(made);
+  EXPECT_EQ(made->motion.targets, 1u);
+  EXPECT_EQ(made->largest_error, 0);
+  EXPECT_EQ(morph_targets_of(clip, 0, [](double) { return false; }).error().code, ErrorCode::kCancelled);
+}
+
+TEST(Usd, HoldsEveryPoint) {
+  const testing::TemporaryFolder folder;
+  const auto clip = parabolic(3);
+  ASSERT_TRUE(write_clip(*clip, folder.file("a.usda")));
+  const std::string text = read_file(folder.file("a.usda"), 1 << 24).value();
+  EXPECT_TRUE(text.starts_with("#usda 1.0\n"));
+  EXPECT_EQ(std::count(text.begin(), text.end(), '{'), std::count(text.begin(), text.end(), '}'));
+  EXPECT_EQ(std::count(text.begin(), text.end(), '['), std::count(text.begin(), text.end(), ']'));
+  const std::regex sample(R"(\n +(\d+): \[\(([^\]]*)\)\],)");
+  std::size_t samples = 0;
+  const std::size_t points = text.find("points.timeSamples"), extents = text.find("extent.timeSamples");
+  ASSERT_LT(points, extents);
+  const std::string of_points = text.substr(points, extents - points);
+  for (std::sregex_iterator it(of_points.begin(), of_points.end(), sample), end; it != end; ++it, ++samples) {
+    const auto pose = clip->pose(std::stoul((*it)[1])).value();
+    const std::string numbers = std::regex_replace((*it)[2].str(), std::regex("[(),]"), " ");
+    const char* at = numbers.c_str();
+    for (const Vec3& p : pose) {
+      for (const double x : p) {
+        char* next = nullptr;
+        EXPECT_EQ(std::strtof(at, &next), static_cast<float>(x));
+        ASSERT_NE(next, at);
+        at = next;
+      }
+    }
+    EXPECT_EQ(std::string(at).find_first_not_of(' '), std::string::npos);
+  }
+  EXPECT_EQ(samples, 3u);
+}
+
+TEST(RecordedMotions, AreTheSendersSurface) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder.file("a.ecrec");
+  const Surface ball = make_icosphere(3);
+  BakeOptions options;
+  options.rank = 20;
+  const auto baked = bake(ball, options, "").value();
+  const Asset& asset = baked.asset;
+  const CoefficientLayout layout{CodecKind::kFloat64, asset.rank, 3, asset.band_ends};
+  auto writer = recording::Writer::create(path, {"lab/ball", "test", 0}).value();
+  ASSERT_TRUE(writer.object(0, baked.encoded.manifest.id.digest, baked.encoded.manifest.bytes));
+  for (const AssetObject& chunk : baked.encoded.chunks) ASSERT_TRUE(writer.object(0, chunk.id.digest, chunk.bytes));
+  control::Announce announce;
+  announce.asset = baked.encoded.manifest.id.hex();
+  announce.format = {layout.rows, 3, layout.band_ends, "float64"};
+  announce.key_rate_hz = 25;
+  ASSERT_TRUE(writer.announce(0, text_from_control(announce)));
+  for (std::uint64_t f = 0; f < 5; ++f) {
+    std::vector<double> C = asset.rest;
+    C[3] += 0.1 * static_cast<double>(f);
+    const Key key = key_from_coefficients(layout, C, 0).value();
+    Envelope envelope;
+    envelope.kind = FrameKind::kJoin;
+    envelope.bands = layout.all_bands();
+    envelope.sequence = f;
+    envelope.capture_us = static_cast<TimeUs>(f) * 40'000;
+    Bytes bytes;
+    append_envelope(envelope, nullptr, bytes);
+    const Bytes payload = encode_join(layout, {key, key, 0}).value();
+    bytes.insert(bytes.end(), payload.begin(), payload.end());
+    ASSERT_TRUE(writer.checkpoint(envelope.capture_us, bytes));
+  }
+  ASSERT_TRUE(writer.finish());
+
+  SourceOptions source;
+  source.input = path;
+  const auto clip = open_source(source);
+  ASSERT_TRUE(clip) << clip.error().message;
+  EXPECT_EQ((*clip)->frame_count(), 5u);
+  EXPECT_EQ((*clip)->frame_rate_hz(), 25);
+  std::vector<float> rest(std::size_t{3} * asset.vertex_count);
+  positions_from_coefficients(asset, asset.rest, 3, asset.rank, asset.vertex_count, rest);
+  for (std::uint32_t row = 0; row < asset.vertex_count; ++row) {
+    const Vec3 expected = Vec3{rest[3 * row], rest[3 * row + 1], rest[3 * row + 2]} + Vec3(asset.origin);
+    EXPECT_LT(length((*clip)->rest().positions[asset.source_vertex[row]] - expected), 1e-6);
+    const Vec3 moved = (*clip)->pose(4).value()[asset.source_vertex[row]] - expected;
+    EXPECT_NEAR(moved[0], 0.4 * double{asset.entry(row, 1)}, 1e-6) << "x of the second column";
+  }
+  // The source's faces, perhaps in another order and from another corner on.
+  const auto turned = [](std::vector<Face> faces) {
+    for (Face& face : faces) std::rotate(face.begin(), std::min_element(face.begin(), face.end()), face.end());
+    std::sort(faces.begin(), faces.end());
+    return faces;
+  };
+  EXPECT_EQ(turned((*clip)->rest().faces), turned(ball.faces));
+  source.sample_rate_hz = 50;
+  const auto twice = open_source(source);
+  ASSERT_TRUE(twice);
+  EXPECT_EQ((*twice)->frame_count(), 10u);
+  EXPECT_LT(largest_distance((*twice)->pose(4).value(), (*clip)->pose(2).value()), 1e-12);
+}
+
+}  // namespace
+}  // namespace eigencast
