@@ -159,13 +159,17 @@ Result<MorphTargets> morph_targets_of(const MotionClip& clip, std::size_t target
   MorphedMotion& motion = result.motion;
   motion.targets = static_cast<std::size_t>(count);
   motion.frames = frames;
-  // Weights of about one: offsets are then as large as the motion.
+  Field base(D.rows());
+  for (Eigen::Index i = 0; i < base.size(); ++i)
+    base[i] = clip.rest().positions[static_cast<std::size_t>(i / 3)][static_cast<std::size_t>(i % 3)];
   for (Eigen::Index k = 0; k < count; ++k) {
-    const double largest = weights.col(k).cwiseAbs().maxCoeff();
-    const double scale = largest > 0 ? largest : 1;
+    const double low = weights.col(k).minCoeff(), range = weights.col(k).maxCoeff() - low;
+    const double scale = range > 0 ? range : 1;
+    base += low * D.col(k);
     for (Eigen::Index i = 0; i < D.rows(); ++i) motion.offsets.push_back(static_cast<float>(D(i, k) * scale));
-    weights.col(k) /= scale;
+    weights.col(k) = (weights.col(k).array() - low) / scale;
   }
+  for (Eigen::Index i = 0; i < base.size(); ++i) motion.base.push_back(static_cast<float>(base[i]));
   for (Eigen::Index t = 0; t < weights.rows(); ++t)
     for (Eigen::Index k = 0; k < count; ++k) motion.weights.push_back(static_cast<float>(weights(t, k)));
   return result;

@@ -165,7 +165,7 @@ Result<void> write_morphed(const MotionClip& clip, const MorphedMotion& motion, 
 
   tinygltf::Primitive all;
   all.attributes["POSITION"] = arrays.triples(
-      vertices.source, [&](std::uint32_t i, std::size_t c) { return static_cast<float>(rest.positions[i][c]); });
+      vertices.source, [&](std::uint32_t i, std::size_t c) { return motion.base[3 * std::size_t{i} + c]; });
   if (!vertices.uvs.empty())
     all.attributes["TEXCOORD_0"] =
         arrays.accessor(arrays.add(std::span<const std::array<float, 2>>(vertices.uvs), TINYGLTF_TARGET_ARRAY_BUFFER),
@@ -179,7 +179,7 @@ Result<void> write_morphed(const MotionClip& clip, const MorphedMotion& motion, 
   for (std::size_t k = 0; k < motion.targets; ++k) {
     const float* offsets = &motion.offsets[3 * k * rest.vertex_count()];
     all.targets.push_back({{"POSITION", arrays.triples(vertices.source, [&](std::uint32_t i, std::size_t c) {
-                              return offsets[3 * i + c];
+                              return offsets[3 * std::size_t{i} + c];
                             })}});
   }
   tinygltf::Mesh mesh;

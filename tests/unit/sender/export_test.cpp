@@ -116,6 +116,7 @@ TEST(MorphTargetsTest, ShowEveryPoseOfTheClip) {
     const auto made = morph_targets_of(*clip, 0, {});
     ASSERT_TRUE(made) << made.error().message;
     EXPECT_LE(made->largest_error, 1e-4);
+    for (const float weight : made->motion.weights) EXPECT_TRUE(weight >= 0 && weight <= 1) << weight;
     EXPECT_LT(made->motion.targets, clip->frame_count() / 2) << "few: the motion is smooth";
     const std::string path = folder.file("a.glb");
     ASSERT_TRUE(write_morphed(*clip, made->motion, path));
