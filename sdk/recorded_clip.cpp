@@ -15,7 +15,8 @@ namespace {
 
 constexpr std::size_t kMaxCoefficientBytes = std::size_t{1} << 30;
 constexpr TimeUs kLongestPauseUs = 5'000'000;  // as eigencast-sender replay has it
-constexpr TimeUs kSameClockUs = 1'000'000;
+/// A capture time follows the one before where both lie as far apart as their arrivals, but for so much.
+constexpr TimeUs kJitterUs = 1'000'000, kJitterOfSessionsUs = 100'000;
 
 /// Makes the poses of a recording to those of one clip.
 class RecordedPoses {
@@ -31,6 +32,7 @@ class RecordedPoses {
 
  private:
   Result<void> begin(const control::Announce& announce) {
+    follows_ = false;
     if (has_begun_) {
       if (clip_.info.asset == announce.asset && clip_.info.format == announce.format) return {};
       return fail(ErrorCode::kUnsupported,
@@ -60,12 +62,12 @@ class RecordedPoses {
     return {};
   }
 
-  /// Since the pose before it. A sender that comes back may have another clock.
+  /// Since the pose before it. A sender that comes back may have another clock, and what is between may be cut out.
   TimeUs pause_us(TimeUs capture_us, TimeUs recorded_us) const {
     const TimeUs arrival_us = recorded_us - last_recorded_us_;
     if (capture_us <= last_capture_us_) return arrival_us;
     const TimeUs since_us = capture_us - last_capture_us_;
-    return std::abs(since_us - arrival_us) < kSameClockUs ? since_us : arrival_us;
+    return std::abs(since_us - arrival_us) < (follows_ ? kJitterUs : kJitterOfSessionsUs) ? since_us : arrival_us;
   }
 
   Result<void> add(const RecordedPose& pose, TimeUs recorded_us) {
@@ -85,6 +87,7 @@ class RecordedPoses {
                                  : clip_.times_us.back() +
                                        std::clamp<TimeUs>(pause_us(pose.capture_us, recorded_us), 1, kLongestPauseUs));
     clip_.frames.push_back(std::move(C));
+    follows_ = true;
     last_capture_us_ = pose.capture_us;
     last_recorded_us_ = recorded_us;
     return {};
@@ -96,6 +99,7 @@ class RecordedPoses {
   bool has_begun_ = false;
   TimeUs last_capture_us_ = 0;
   TimeUs last_recorded_us_ = 0;
+  bool follows_ = false;  ///< The last pose came behind the same announcement.
   std::size_t bytes_ = 0;
 };
 

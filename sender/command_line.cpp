@@ -50,6 +50,10 @@ constexpr const char* kEvaluateExamples =
     R"(eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
 eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json)";
 constexpr const char* kReplayExamples = R"(eigencast-sender replay show.ecrec --to http://broker:7490/show --from 60)";
+constexpr const char* kInfoExamples = "eigencast-sender info show.ecrec";
+constexpr const char* kCutExamples =
+    R"(eigencast-sender cut show.ecrec --from 60 --duration 30 --to best.ecrec
+eigencast-sender cut monday.ecrec tuesday.ecrec --to both.ecrec)";
 constexpr const char* kContextExamples =
     R"(eigencast-sender context add studio https://broker.example --token "$TOKEN")";
 constexpr const char* kCompletionExamples =
@@ -80,6 +84,8 @@ struct Settings {
   ContextCommand context;
   EvaluateCommand evaluate;
   ReplayCommand replay;
+  InfoCommand info;
+  CutCommand cut;
 };
 
 void show_examples(CLI::App& app, const char* examples) {
@@ -298,6 +304,19 @@ void add_commands(CLI::App& app, Settings& s) {
   replay->add_flag("--loop", s.replay.loop, "begin again at the end");
   replay->add_option("--asset", s.replay.asset_dir, "folder with the asset's objects (bake --out)");
   replay->add_option("--json", s.replay.json, "write a report at the end")->check(output_path(check_output_file));
+
+  CLI::App* info = app.add_subcommand("info", "What a recording holds");
+  runs(*info, s, s.info, kInfoExamples);
+  info->add_option("file", s.info.file, "recording (.ecrec)")->required();
+  info->add_option("--json", s.info.json, "as JSON, there; - for standard output")
+      ->check(output_path(check_output_file));
+
+  CLI::App* cut = app.add_subcommand("cut", "Copy a range of recordings, joined, without coding them again");
+  runs(*cut, s, s.cut, kCutExamples);
+  cut->add_option("files", s.cut.files, "recordings (.ecrec), in order")->required();
+  cut->add_option("--to", s.cut.to, "the new recording")->required()->check(output_path(check_output_file));
+  bounded(*cut, "--from", s.cut.from_s, "begin so many seconds into them, at the checkpoint before", 0.0, kMaxSeconds);
+  bounded(*cut, "--duration", s.cut.duration_s, "so many seconds (default: to the end)", 1e-3, kMaxSeconds);
 
   add_context_commands(app, s);
   add_completion_command(app, s);

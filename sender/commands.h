@@ -103,6 +103,18 @@ struct EvaluateCommand {
   std::string json;
 };
 
+struct InfoCommand {
+  std::string file;
+  std::string json;
+};
+
+struct CutCommand {
+  std::vector<std::string> files;
+  std::string to;
+  double from_s = 0;
+  double duration_s = 0;  ///< 0: to the end.
+};
+
 struct ReplayCommand {
   std::string file;
   TargetOptions target;  ///< The codec is the recording's.
@@ -123,6 +135,8 @@ int run(const ContextCommand& command, const Console& console, Interrupt& interr
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt);
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ReplayCommand& command, const Console& console, Interrupt& interrupt);
+int run(const InfoCommand& command, const Console& console, Interrupt& interrupt);
+int run(const CutCommand& command, const Console& console, Interrupt& interrupt);
 
 /// opened: as bake_source().
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,

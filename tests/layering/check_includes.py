@@ -56,7 +56,7 @@ ROOMS = {
     # The window over them.
     "sender/studio": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "view"},
     "sender": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/surface",
-               "common/spectral", "common/motion", "common/progressive", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
+               "common/spectral", "common/motion", "common/progressive", "common/asset", "common/reconstruction", "common/recording", "common/net", "sdk", "sender/deform", "sender/studio", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/levels", "common/wire", "common/motion", "common/surface",
@@ -87,7 +87,7 @@ LIBRARIES = {
     "libqrencode": (r"qrencode\.h", {"broker/command_line"}, 1),
     "liburing": (r"liburing\.h", {"broker/sockets"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker/access", "broker/backbone", "broker/http", "broker/operation", "sdk", "sender",
-                                     "sender/deform", "client", "tools/compare", "tools/latency"}, 29),
+                                     "sender/deform", "client", "tools/compare", "tools/latency"}, 30),
     "CLI11": (r"CLI/", {"common/command_line", "broker/command_line", "sender", "tools/compare", "tools/latency"}, 8),
     "prometheus-cpp": (r"prometheus/", {"broker/operation"}, 1),
     "systemd": (r"systemd/", {"broker/operation"}, 1),

@@ -20,9 +20,9 @@ struct MorphedMotion {
   std::size_t frames = 0;      ///< At least one.
 };
 
-/// Writes glTF 2.0 as one file (.glb): the base with the clip's faces, colours and texture, the offsets as its morph targets, the
-/// weights as an animation that is linear between frames. Without normals, which the reader makes of faces. Errors:
-/// kIo, kTooLarge (2 GiB). REQUIRES: the motion is of the clip's vertices, and finite.
+/// Writes glTF 2.0 as one file (.glb): the base with the clip's faces, colours and texture, the offsets as its morph
+/// targets, the weights as an animation that is linear between frames. Without normals, which the reader makes of
+/// faces. Errors: kIo, kTooLarge (2 GiB). REQUIRES: the motion is of the clip's vertices, and finite.
 Result<void> write_morphed(const MotionClip& clip, const MorphedMotion& motion, const std::string& path);
 
 }  // namespace eigencast

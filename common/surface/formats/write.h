@@ -16,7 +16,8 @@ using WriteProgress = std::function<bool(double fraction)>;
 ///   x.obj, x.ply, x.off       a file for each pose: x_000000.obj, ...; coordinates exact
 ///   x.usda                    see write_usd; not read
 ///   a folder (ends in '/')    frame_000000.obj, ... in it
-/// A cache gets its name when it is whole. Errors: kUnsupported (ending; .glb is write_morphed's), kIo, kCancelled, and those of the clip.
+/// A cache gets its name when it is whole. Errors: kUnsupported (ending; .glb is write_morphed's), kIo, kCancelled, and
+/// those of the clip.
 Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress = {});
 
 /// Whether it could be written, as far as that is known before. Errors: kUnsupported (ending), kIo.

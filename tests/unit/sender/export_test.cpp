@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <optional>
 #include <regex>
 
@@ -15,7 +16,9 @@
 #include "common/surface/vector.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "sdk/recorded_clip.h"
 #include "sender/clip_part.h"
+#include "sender/cut.h"
 #include "sender/morph_targets.h"
 #include "sender/source.h"
 #include "tests/support/process.h"
@@ -199,40 +202,83 @@ TEST(Usd, HoldsEveryPoint) {
   EXPECT_EQ(samples, 3u);
 }
 
-TEST(RecordedMotions, AreTheSendersSurface) {
-  const testing::TemporaryFolder folder;
-  const std::string path = folder.file("a.ecrec");
-  const Surface ball = make_icosphere(3);
-  BakeOptions options;
-  options.rank = 20;
-  const auto baked = bake(ball, options, "").value();
-  const Asset& asset = baked.asset;
-  const CoefficientLayout layout{CodecKind::kFloat64, asset.rank, 3, asset.band_ends};
-  auto writer = recording::Writer::create(path, {"lab/ball", "test", 0}).value();
-  ASSERT_TRUE(writer.object(0, baked.encoded.manifest.id.digest, baked.encoded.manifest.bytes));
-  for (const AssetObject& chunk : baked.encoded.chunks) ASSERT_TRUE(writer.object(0, chunk.id.digest, chunk.bytes));
-  control::Announce announce;
-  announce.asset = baked.encoded.manifest.id.hex();
-  announce.format = {layout.rows, 3, layout.band_ends, "float64"};
-  announce.key_rate_hz = 25;
-  ASSERT_TRUE(writer.announce(0, text_from_control(announce)));
-  for (std::uint64_t f = 0; f < 5; ++f) {
-    std::vector<double> C = asset.rest;
-    C[3] += 0.1 * static_cast<double>(f);
-    const Key key = key_from_coefficients(layout, C, 0).value();
-    Envelope envelope;
-    envelope.kind = FrameKind::kJoin;
-    envelope.bands = layout.all_bands();
-    envelope.sequence = f;
-    envelope.capture_us = static_cast<TimeUs>(f) * 40'000;
-    Bytes bytes;
-    append_envelope(envelope, nullptr, bytes);
-    const Bytes payload = encode_join(layout, {key, key, 0}).value();
-    bytes.insert(bytes.end(), payload.begin(), payload.end());
-    ASSERT_TRUE(writer.checkpoint(envelope.capture_us, bytes));
+/// Recordings of a ball, 25 poses a second, each a checkpoint; pose f is moved by f tenths of the second column.
+class RecordedBalls : public ::testing::Test {
+ protected:
+  std::string record(const std::string& name, std::uint64_t poses) {
+    std::string path = folder_.file(name);
+    const Asset& asset = baked_.asset;
+    auto writer = recording::Writer::create(path, {"lab/ball", "test", 0}).value();
+    const auto add = [&](const AssetObject& object) { EXPECT_TRUE(writer.object(0, object.id.digest, object.bytes)); };
+    add(baked_.encoded.manifest);
+    for (const AssetObject& chunk : baked_.encoded.chunks) add(chunk);
+    control::Announce announce;
+    announce.asset = baked_.encoded.manifest.id.hex();
+    announce.format = {layout_.rows, 3, layout_.band_ends, "float64"};
+    announce.key_rate_hz = 25;
+    EXPECT_TRUE(writer.announce(0, text_from_control(announce)));
+    for (std::uint64_t f = 0; f < poses; ++f) {
+      std::vector<double> C = asset.rest;
+      C[3] += 0.1 * static_cast<double>(f);
+      const Key key = key_from_coefficients(layout_, C, 0).value();
+      Envelope envelope;
+      envelope.kind = FrameKind::kJoin;
+      envelope.bands = layout_.all_bands();
+      envelope.sequence = f;
+      envelope.capture_us = static_cast<TimeUs>(f) * 40'000;
+      Bytes bytes;
+      append_envelope(envelope, nullptr, bytes);
+      const Bytes payload = encode_join(layout_, {key, key, 0}).value();
+      bytes.insert(bytes.end(), payload.begin(), payload.end());
+      EXPECT_TRUE(writer.checkpoint(envelope.capture_us, bytes));
+    }
+    EXPECT_TRUE(writer.finish());
+    return path;
   }
-  ASSERT_TRUE(writer.finish());
+  static BakeResult bake_ball() {
+    BakeOptions options;
+    options.rank = 20;
+    return bake(make_icosphere(3), options, "").value();
+  }
+  /// By how many poses each one of a recording is moved, and when it is shown.
+  static std::vector<std::pair<int, TimeUs>> poses_of(const std::string& path, const BakeResult& baked) {
+    const auto clip = read_recording(path, "");
+    EXPECT_TRUE(clip) << clip.error().message;
+    std::vector<std::pair<int, TimeUs>> result;
+    for (std::size_t f = 0; clip && f < clip->frames.size(); ++f)
+      result.emplace_back(std::lround(10 * (clip->frames[f][3] - baked.asset.rest[3])), clip->times_us[f]);
+    return result;
+  }
 
+  const testing::TemporaryFolder folder_;
+  const BakeResult baked_ = bake_ball();
+  const CoefficientLayout layout_{CodecKind::kFloat64, baked_.asset.rank, 3, baked_.asset.band_ends};
+};
+
+TEST_F(RecordedBalls, AreCutAndJoinedWithoutCodingAnew) {
+  const std::string a = record("a.ecrec", 50), b = record("b.ecrec", 10), to = folder_.file("to.ecrec");
+  const auto cut = cut_recordings({a}, 0.8, 0.4, to);
+  ASSERT_TRUE(cut) << cut.error().message;
+  using Poses = std::vector<std::pair<int, TimeUs>>;
+  Poses expected;
+  for (int f = 20; f <= 30; ++f) expected.emplace_back(f, (f - 20) * 40'000);
+  EXPECT_EQ(poses_of(to, baked_), expected);
+  EXPECT_EQ(cut->bytes, std::filesystem::file_size(to));
+  EXPECT_EQ(cut_recordings({a}, 0, 0, to).error().code, ErrorCode::kRefused) << "it is there";
+  const std::string joined = folder_.file("joined.ecrec");
+  ASSERT_TRUE(cut_recordings({a, b, to}, 1.92, 0, joined));
+  expected = {{48, 0}, {49, 40'000}};
+  for (int f = 0; f < 10; ++f) expected.emplace_back(f, 73'333 + f * 40'000);
+  for (int f = 20; f <= 30; ++f) expected.emplace_back(f, 73'333 + 9 * 40'000 + 33'333 + (f - 20) * 40'000);
+  EXPECT_EQ(poses_of(joined, baked_), expected);
+  EXPECT_EQ(cut_recordings({a}, 9, 0, folder_.file("none.ecrec")).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec")));
+  EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec.part")));
+}
+
+TEST_F(RecordedBalls, AreTheSendersSurface) {
+  const std::string path = record("a.ecrec", 5);
+  const Asset& asset = baked_.asset;
   SourceOptions source;
   source.input = path;
   const auto clip = open_source(source);
@@ -253,7 +299,7 @@ TEST(RecordedMotions, AreTheSendersSurface) {
     std::sort(faces.begin(), faces.end());
     return faces;
   };
-  EXPECT_EQ(turned((*clip)->rest().faces), turned(ball.faces));
+  EXPECT_EQ(turned((*clip)->rest().faces), turned(make_icosphere(3).faces));
   source.sample_rate_hz = 50;
   const auto twice = open_source(source);
   ASSERT_TRUE(twice);

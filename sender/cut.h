@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+struct CutFacts {
+  TimeUs duration_us = 0;
+  std::uint64_t frames = 0, bytes = 0;
+};
+
+/// Copies a range of recordings, one after the other, into a new one, without coding anything again: it begins at the
+/// last checkpoint at or before from_s (up to a second earlier), and holds the objects of all.
+///   duration_s  0: to the end
+/// The file gets its name when it is whole. Errors: those of recording::Reader and Writer; kInvalidArgument (the range
+/// holds no pose), kRefused (`to` is there already).
+Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double from_s, double duration_s,
+                                const std::string& to);
+
+}  // namespace eigencast
