@@ -13,35 +13,36 @@ namespace eigencast {
 
 namespace {
 
-constexpr std::array<float, 5> kScales{1, 0.84F, 0.71F, 0.59F, PictureQuality::kMinScale};
 constexpr PictureQuality kLow{PictureQuality::kMinScale, 1, ShadowQuality::kSmall, true};
+static_assert(kResolutions.back() == PictureQuality::kMinScale);
 enum Knob : std::size_t { kScale, kSamples, kShadow, kGround, kKnobs };
 
 /// What llvmpipe saves, and by how much pictures of horses and hearts change (mean of all channels, of 255), until it
 /// is measured here.
 std::vector<QualityKnob> usual_knobs() {
   std::vector<QualityKnob> knobs(kKnobs);
-  knobs[kScale] = {0.25, 0.3, {}};
-  for (const float scale : kScales)
-    knobs[kScale].steps.push_back({1 / double{scale} - 1, (1 - double{scale} * double{scale}) / 0.75});
+  knobs[kScale] = resolution_knob(0.25, 0.3);
   knobs[kSamples] = {0.1, 0.35, {{0, 0}, {1, 1}}};
   knobs[kShadow] = {2.4, 0.5, {{0, 0}, {0.22, 0.5}, {1, 1}}};
   knobs[kGround] = {3.7, 0.1, {{0, 0}, {1, 1}}};
   return knobs;
 }
 
-/// Where it is not known it is as of the others.
-void compare_bends(std::span<ObjectView> objects) {
+std::vector<LevelGain> gains_of(const AssetFacts& asset) {
+  std::vector<LevelError> errors;
+  for (const GeometricError& error : asset.level_errors) errors.push_back({error.rows, double{error.rms}});
+  return gains_from_errors(errors, asset.vertex_count);
+}
+
+/// The mean of a level's error times its vertices; 0 if the asset does not say.
+double bend_of(const AssetFacts& asset) {
   double sum = 0;
-  int known = 0;
-  for (const ObjectView& object : objects) sum += object.bend, known += object.bend > 0 ? 1 : 0;
-  for (ObjectView& object : objects) {
-    if (object.bend <= 0) object.bend = known > 0 ? sum / known : 1;
-  }
+  for (const GeometricError& error : asset.level_errors) sum += double{error.rms} * error.rows;
+  return asset.level_errors.empty() ? 0 : sum / static_cast<double>(asset.level_errors.size());
 }
 
 PictureQuality quality_from_steps(std::span<const std::size_t> steps) {
-  return {kScales[steps[kScale]], steps[kSamples] == 0 ? 4 : 1, static_cast<ShadowQuality>(steps[kShadow]),
+  return {kResolutions[steps[kScale]], steps[kSamples] == 0 ? 4 : 1, static_cast<ShadowQuality>(steps[kShadow]),
           steps[kGround] == 0};
 }
 
@@ -53,16 +54,17 @@ LevelControl::LevelControl(const LevelSettings& settings)
 std::optional<PictureQuality> LevelControl::trial() {
   tried_ = control_ && !still_ ? control_->trial() : std::nullopt;
   if (!tried_) return std::nullopt;
+  const PictureQuality full, low{kResolutions.back(), 1, ShadowQuality::kNone, false};
   PictureQuality other = quality_;
-  if (*tried_ == kScale) other.scale = kScales.back();
-  if (*tried_ == kSamples) other.samples = 1;
-  if (*tried_ == kShadow) other.shadow = ShadowQuality::kNone;
-  if (*tried_ == kGround) other.ground = false;
+  if (*tried_ == kScale) other.scale = quality_.scale < full.scale ? full.scale : low.scale;
+  if (*tried_ == kSamples) other.samples = quality_.samples < full.samples ? full.samples : low.samples;
+  if (*tried_ == kShadow) other.shadow = quality_.shadow != full.shadow ? full.shadow : low.shadow;
+  if (*tried_ == kGround) other.ground = !quality_.ground;
   return other;
 }
 
-void LevelControl::measured(double saved, double error) {
-  if (control_ && tried_) control_->measured(*tried_, saved, error);
+void LevelControl::measured(double own, double other, double error) {
+  if (control_ && tried_) control_->measured(*tried_, own, other, error);
 }
 
 bool LevelControl::set_still(bool still) {
@@ -91,10 +93,10 @@ void LevelControl::make_resolver(const Camera& camera) {
     BudgetResolver::Settings settings;
     settings.f0 = settings_.target_fps;
     settings.deadline = settings_.deadline;
-    constexpr double kOfHalfThePixels = 0.4;  // what half of the vertices change, of what half of the pixels do
     const auto knobs = usual_knobs();
     if (settings_.quality == QualityMode::kAuto)
-      return void(control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfThePixels * knobs[kScale].error}));
+      return void(
+          control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfTheVertices * knobs[kScale].error}));
     resolver_ = std::make_unique<BudgetResolver>(settings);
   } else {
     PaperResolver::Settings settings;
@@ -123,27 +125,30 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
   }
   std::vector<ObjectView> objects;
   std::vector<SurfaceView*> views;
+  std::vector<std::vector<LevelGain>> gains;
+  gains.reserve(instances.size() + 1);
+  double bends = 0;
   for (Scene::Instance& instance : instances) {
     const Asset* asset = sources[instance.placement.source]->asset();
     if (asset == nullptr || instance.view.facts().version == 0) continue;
     objects.push_back(object_view(instance, *asset, camera, settings_.floor));
+    objects.back().gains = gains.emplace_back(gains_of(*asset));
+    bends += bend_of(*asset);
     views.push_back(&instance.view);
   }
   if (objects.empty()) return;
-  compare_bends(objects);
+  const auto known = std::count_if(gains.begin(), gains.end(), [](const auto& of) { return !of.empty(); });
+  // What is not known is as of the others.
+  if (known > 0) gains.push_back({{1, bends / static_cast<double>(known)}});
+  for (ObjectView& object : objects) {
+    if (object.gains.empty() && known > 0) object.gains = gains.back();
+  }
   if (!has_resolver()) make_resolver(camera);
   if (std::exchange(was_still_, false)) last.reset();  // of a picture that nothing was lowered in
   const std::vector<std::uint32_t> levels = resolve(objects, last);
   lowered_ = settings_.quality == QualityMode::kAuto && quality_ != PictureQuality();
   for (std::size_t i = 0; i < views.size(); ++i) lowered_ |= levels[i] < objects[i].max;
   for (std::size_t i = 0; i < views.size(); ++i) views[i]->set_max_vertices(levels[i]);
-}
-
-std::optional<double> bend_of(const AssetFacts& asset) {
-  double sum = 0;
-  for (const GeometricError& error : asset.level_errors) sum += double{error.rms} * error.rows;
-  if (!(sum > 0)) return std::nullopt;
-  return sum / static_cast<double>(asset.level_errors.size());
 }
 
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor) {
@@ -156,7 +161,6 @@ ObjectView object_view(const Scene::Instance& instance, const Asset& asset, cons
   object.pixels = instance.visible ? camera.diameter_px(extent.barycentre, extent.radius) : 0;
   object.vertex_cost = asset.is_point_cloud() ? 0.5 : 1;  // no normals, no faces
   object.drawn = instance.view.geometry().vertex_count();
-  object.bend = bend_of(asset).value_or(0);
   return object;
 }
 

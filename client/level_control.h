@@ -50,7 +50,7 @@ class LevelControl {
   const PictureQuality& quality() const { return quality_; }
   /// What to draw beside the next picture, once, and what that gave; see QualityControl::trial().
   std::optional<PictureQuality> trial();
-  void measured(double saved, double error);
+  void measured(double own, double other, double error);
 
   /// A still picture has time: it gets all. True if that changes it.
   bool set_still(bool still);
@@ -60,6 +60,8 @@ class LevelControl {
   const LevelSettings& settings() const { return settings_; }
   double state() const { return control_ ? control_->state() : resolver_ ? resolver_->state() : 0; }
   bool active() const { return settings_.kind != ResolverKind::kNone; }
+  /// Something is missing from the next picture.
+  bool lowered() const { return active() && !still_ && lowered_; }
 
  private:
   void make_resolver(const Camera& camera);
@@ -74,10 +76,7 @@ class LevelControl {
   std::unique_ptr<LodResolver> resolver_;
 };
 
-/// The mean of a level's rms error times its vertices, over the diagonal; nothing if the asset does not say.
-std::optional<double> bend_of(const AssetFacts& asset);
-
-/// bend: 0 where bend_of() has nothing.
+/// Without gains.
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor);
 
 }  // namespace eigencast

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cmath>
 #include <cstdlib>
 #include <thread>
 #include <utility>
@@ -124,21 +125,26 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
 
 /// Pictures that come slowly are not still in between.
 bool Session::look_still(const Camera& camera, TimeUs now_us) {
-  constexpr TimeUs kStill = 60'000, kStopped = 500'000;
+  constexpr TimeUs kStill = 60'000, kSoon = 95'000, kStopped = 500'000;
   const std::uint64_t pose = scene_.poses_shown();
   if (pose != seen_.pose || camera.position() != seen_.camera.position() || camera.target() != seen_.camera.target())
     seen_ = {pose, camera, now_us, std::min(now_us - seen_.since_us, kStopped)};
-  return levels_.set_still(now_us - seen_.since_us >= std::max(kStill, seen_.spacing_us * 8 / 5));
+  const TimeUs late = std::min(seen_.spacing_us * 8 / 5, std::max(seen_.spacing_us * 5 / 4, kSoon));
+  return levels_.set_still(now_us - seen_.since_us >= std::max(kStill, late));
 }
 
-void Session::remember(TimeUs now_us) {
+double Session::drawn_part() const {
   std::uint64_t all = 0;
   for (const Scene::Instance& instance : scene_.instances()) {
     const Asset* asset = sources()[instance.placement.source]->asset();
     all += asset == nullptr ? 0 : asset->vertex_count;
   }
+  return all == 0 ? 0 : static_cast<double>(scene_.vertex_count()) / static_cast<double>(all);
+}
+
+void Session::remember(TimeUs now_us) {
   HistorySample sample;
-  sample.lod = all == 0 ? 0 : static_cast<double>(scene_.vertex_count()) / static_cast<double>(all);
+  sample.lod = drawn_part();
   sample.drawn_hz = drawn_rate_.per_second();
   sample.control = levels_.state();
   sample.latency_ms = static_cast<double>(last_latency_us_) / 1000;
@@ -178,33 +184,38 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Style& style,
   renderer.draw(camera, options, width_px, height_px, target);
   const std::optional<PictureQuality> other = levels_.trial();
   if (!other) return;
-  options.quality = *other;
-  try_quality(renderer, camera, options, width_px, height_px, target);
+  try_quality(renderer, camera, options, *other, width_px, height_px, target);
 }
 
-/// Beside the picture's work.
-void Session::try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
-                          unsigned target) {
+/// Beside the picture's work. Both are drawn twice in turn, for another program may delay any.
+void Session::try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, const PictureQuality& other,
+                          int width_px, int height_px, unsigned target) {
   Renderer::finish();
-  const TimeUs drawn = steady_now_us(), drawing = drawn - uploaded_us_;
+  const TimeUs drawn = steady_now_us();
   work_.stop(drawn);
   const Picture shown = Renderer::read_back(width_px, height_px, target);
   const unsigned aside = renderer.offscreen_target(width_px, height_px, true);
-  TimeUs began = drawn, took = 0;
-  for (int i = 0; i < 2; ++i) {  // the first one makes buffers and programs
-    began = steady_now_us();
+  const auto time_of = [&](const PictureQuality& quality) {
+    options.quality = quality;
+    const TimeUs began = steady_now_us();
     renderer.draw(camera, options, width_px, height_px, aside);
     Renderer::finish();
-    took = steady_now_us() - began;
-  }
-  const Picture other = Renderer::read_back(width_px, height_px, aside);
+    return static_cast<double>(steady_now_us() - began);
+  };
+  const PictureQuality now = options.quality;
+  time_of(other);  // makes buffers and programs
+  double others = time_of(other), own = time_of(now);
+  others = std::min(others, time_of(other));
+  const Picture tried = Renderer::read_back(width_px, height_px, aside);
+  own = std::min(own, time_of(now));
+  const double before = static_cast<double>(work_.spent_us() - (drawn - uploaded_us_));
   double difference = 0;
-  for (std::size_t i = 0; i < shown.rgb.size(); ++i) difference += std::abs(int{shown.rgb[i]} - int{other.rgb[i]});
-  levels_.measured(static_cast<double>(drawing - took) / static_cast<double>(std::max<TimeUs>(work_.spent_us(), 1)),
+  for (std::size_t i = 0; i < shown.rgb.size(); ++i) difference += std::abs(int{shown.rgb[i]} - int{tried.rgb[i]});
+  levels_.measured(before + own, before + others,
                    difference / static_cast<double>(std::max<std::size_t>(shown.rgb.size(), 1)));
-  const TimeUs now = steady_now_us();
-  uploaded_us_ += now - drawn;
-  work_.start(now);
+  const TimeUs end = steady_now_us();
+  uploaded_us_ += end - drawn;
+  work_.start(end);
 }
 
 void Session::finish_picture(bool wait) {
@@ -215,6 +226,10 @@ void Session::finish_picture(bool wait) {
   const TimeUs work = work_.take();
   work_us_.add(work);
   last_work_ = FrameWork{end, static_cast<double>(work) / 1e6};
+  if (levels_.lowered()) {
+    used_permille_.add(std::llround(static_cast<double>(work) * levels_.settings().target_fps / 1e3));
+    drawn_permille_.add(std::llround(1e3 * drawn_part()));
+  }
   ++drawn_;
   record_.shown(scene_, end);
   if (scene_.poses_shown() == drawn_pose_) return;

@@ -92,8 +92,9 @@ class Session final {
   bool poll(std::chrono::milliseconds timeout);
   void remember(TimeUs now_us);
   bool look_still(const Camera& camera, TimeUs now_us);
-  void try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
-                   unsigned target);
+  void try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, const PictureQuality& other,
+                   int width_px, int height_px, unsigned target);
+  double drawn_part() const;  ///< Of all vertices.
   void frame_scene(Camera& camera);
   std::optional<TimeUs> newest_arrival_us(std::size_t source) const;
   float colourfulness(const Scene::Instance& instance, TimeUs now_us) const;
@@ -112,6 +113,7 @@ class Session final {
   PoseRecord record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
+  Histogram used_permille_{11}, drawn_permille_{11};  ///< Of pictures in which something was lowered: time, vertices.
   TimeUs started_us_ = 0;
   struct Received {
     TimeUs arrival_us = 0;

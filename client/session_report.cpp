@@ -16,6 +16,12 @@ json json_from(const Histogram& h) {
           {"p99", h.percentile(99)}, {"max", h.max()},          {"negative", h.negative()}};
 }
 
+json parts_from(const Histogram& permille) {
+  return {{"mean", permille.mean() / 1000},
+          {"p5", static_cast<double>(permille.percentile(5)) / 1000},
+          {"p50", static_cast<double>(permille.percentile(50)) / 1000}};
+}
+
 json json_from(const std::optional<TimeUs>& value) {
   return value ? json(*value) : json(nullptr);
 }
@@ -142,6 +148,9 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                        {"samples", quality.samples},
                        {"shadow", kShadowNames[quality.shadow]},
                        {"ground", quality.ground}};
+  report["lowered"] = {{"pictures", used_permille_.count()},
+                       {"used", parts_from(used_permille_)},
+                       {"vertices", parts_from(drawn_permille_)}};
   report["surfaces"] = surfaces_from(scene_, sources());
   report["reconstruct"] = {
       {"asked", kRebuildOnNames[options_.reconstruct]},

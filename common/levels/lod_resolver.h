@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -10,6 +11,21 @@
 
 namespace eigencast {
 
+/// What one vertex more takes from a surface's error at a level.
+struct LevelGain {
+  double rows = 1;  ///< The level.
+  double gain = 1;  ///< > 0
+};
+
+struct LevelError {
+  std::uint32_t rows = 0;
+  double error = 0;
+};
+
+/// For each level from one that errors are known of to the next. errors: ascending by rows; the error at `most`, all
+/// rows, is 0. Made to fall as rows grow, as means of neighbours. Empty if there is nothing to tell from.
+std::vector<LevelGain> gains_from_errors(std::span<const LevelError> errors, std::uint32_t most);
+
 struct ObjectView {
   std::uint32_t max = 0;    ///< Largest level that can be drawn now, vertices.
   std::uint32_t min = 0;    ///< Smallest level that may be drawn; <= max.
@@ -17,8 +33,9 @@ struct ObjectView {
   double pixels = 0;        ///< Diameter on the screen; 0 if out of sight.
   double vertex_cost = 1;   ///< Relative cost of a vertex; > 0.
   std::uint32_t drawn = 0;  ///< In the last frame, which may lag behind the resolved level; 0: as resolved.
-  /// Geometric error of its levels times their vertices, over its diameter, in the unit of all objects; > 0.
-  double bend = 1;
+  /// Of its geometric error over its diameter, falling with rows. Between them rows are linear in 1 / sqrt(gain);
+  /// beyond them the gain goes as 1 / rows^2. Empty: 1 / rows^2.
+  std::span<const LevelGain> gains = {};
 };
 
 /// The time to make a frame, without waiting for the display.
@@ -76,64 +93,74 @@ class PaperResolver final : public LodResolver {
   int interval_frames_ = 0;
 };
 
-/// Follows noisy measurements. Ignores an outlier; a second one in a row on the same side is a jump of the value.
+/// Follows noisy measurements: their mean since the value last changed. Ignores outliers; kJump of them in a row on the
+/// same side are a jump of the value.
 class DriftingValue {
  public:
-  static constexpr double kGain = 0.3;        ///< For measurements within the noise.
   static constexpr double kFar = 3;           ///< Standard deviations.
-  static constexpr std::size_t kWindow = 16;  ///< Measurements that give the noise.
+  static constexpr double kUsualFar = 0.25;   ///< Of the value, while they are unknown.
+  static constexpr double kDrift = 3;         ///< Likewise, of the mean of the newest kFew from those before.
+  static constexpr std::size_t kJump = 3;     ///< Outliers.
+  static constexpr std::size_t kFew = 4;      ///< Fewer measurements give no noise.
+  static constexpr std::size_t kMean = 12;    ///< Measurements at most that give the value.
+  static constexpr std::size_t kWindow = 16;  ///< Differences that give the noise.
 
-  /// far: upper bound of the distance that is not an outlier.
-  void add(double measured, double far);
-  double value() const { return value_.value_or(0); }
+  /// True if the value has jumped.
+  bool add(double measured);
+  double value() const { return value_; }
+  double noise() const;  ///< Standard deviation; 0 while unknown.
+  /// In another unit.
+  void scale(double factor);
 
  private:
-  double deviation() const;
+  void forget_drifted();
 
-  std::optional<double> value_;
-  double last_ = 0;
-  double far_before_ = 0;          ///< Distance of the last one, if an outlier.
-  std::vector<double> distances_;  ///< Between measurements and value.
+  double value_ = 0, last_ = 0;
+  std::vector<double> seen_, far_;   ///< Since the last change; outliers in a row.
+  std::vector<double> differences_;  ///< Of one measurement to the next.
 };
 
-/// The part of a frame's time to plan for, so that 19 of 20 frames meet the deadline.
+/// The part of a frame's time to plan for: so that 19 of 20 frames meet the deadline, and 19 of 20 use kUsed of it. Of
+/// noise that leaves no such part the second holds. It changes slowly, so that levels stay.
 class PlanMargin {
  public:
   static constexpr std::size_t kWindow = 64;     ///< Frames.
   static constexpr std::size_t kMinFrames = 16;  ///< Fewer give no statistics.
-  static constexpr double kMin = 0.85;           ///< Lower bound of fill().
   static constexpr double kEdge = 0.97;          ///< Upper bound, of the deadline.
+  static constexpr double kUsed = 0.83;
+  static constexpr double kFall = 0.01, kRise = 0.004;  ///< Largest change by a frame.
 
-  explicit PlanMargin(double deadline) : deadline_(deadline) {}
+  explicit PlanMargin(double deadline) : deadline_(deadline), fill_(std::min(kEdge * deadline / 1.05, 1.0)) {}
   /// ratio: the time of a frame over its prediction; > 0.
   void add(double ratio);
-  double fill() const;
+  double fill() const { return fill_; }
 
  private:
-  double deadline_;
+  double wanted() const;
+
+  double deadline_, fill_;
   std::vector<double> ratios_;
 };
 
 /// Keeps each frame's work within its time, and spends that time where it is seen.
 ///
-/// The model of a frame's cost is a + b V, where V sums cost x N over the objects. b comes from least squares over the
-/// last frames, limited by how much V has varied; a is a DriftingValue, so that a step of the load is answered within a
-/// few frames and noise is not. V follows from the budget. It is split so that the sum of the errors on the screen is
-/// least: linear interpolation between vertices is off by the square of an edge, bend pixels^2 / N in all, hence
-/// N ~ pixels sqrt(bend / cost) within its bounds.
+/// The model of a frame's cost is a + b V, where V sums cost x N over the objects. b follows what changes of V change,
+/// the more the larger they are beside those that it knows: it stays while V stays. a is a DriftingValue, so that a
+/// step of the load is answered within a few frames and noise is not. V follows from the budget, and stays where the
+/// model says that between kUnder less and kOver more of the planned time are used. See split_budget() for its parts.
 ///
 /// If a alone exceeds a frame's time for kPatience frames at the smallest V, no V holds the rate: then the vertices may
 /// take kShare of the time at the smallest V, until the model says as long that the smallest V would be in time again.
 ///
-/// V grows by at most kGrowth a frame, and shrinks no faster than the late frame demands, or by kFall.
+/// V grows by at most kGrowth a frame, and shrinks to no less than the part of it that would be in time if it took all
+/// of the last frame's time, and to kLeastFall at most in a frame.
 class BudgetResolver final : public LodResolver {
  public:
   static constexpr double kGrowth = 1.15;
-  static constexpr double kFall = 0.6;
-  static constexpr double kDeadBand = 0.03;
-  static constexpr std::size_t kWindow = 48;  ///< Frames of the fit.
-  static constexpr double kShare = 0.25;      ///< See above.
-  static constexpr int kPatience = 8;         ///< Frames.
+  static constexpr double kLeastFall = 0.9;
+  static constexpr double kUnder = 0.025, kOver = 0.02;
+  static constexpr double kShare = 0.25;  ///< See above.
+  static constexpr int kPatience = 8;     ///< Frames.
 
   struct Settings {
     double f0 = 60;            ///< Wanted frames per second.
@@ -147,38 +174,41 @@ class BudgetResolver final : public LodResolver {
   /// The planned work of the last frame, as a part of 1 / f0.
   double state() const override { return planned_; }
 
-  /// The part of its time that a picture takes from now on (default: 1). Seconds given, and the budget, are divided by
-  /// it.
-  void set_time_left(double part) { time_left_ = part; }
+  /// From now on frames take `factor` times what they took.
+  void scale_costs(double factor);
   double fixed_s() const { return fixed_; }       ///< a
   double slope_s() const { return slope_; }       ///< b
   double drawn() const { return drawn_; }         ///< V of the last frame.
   double fill() const { return margin_.fill(); }  ///< The part of 1 / f0 to plan for.
 
  private:
-  struct Sample {
-    double vertices;
-    double seconds;
-  };
-  void learn(double seconds);
+  static constexpr double kFirstShare = 0.4;  ///< Of the first frame's time, for the vertices.
+  static constexpr double kKnown = 0.15;      ///< Of b: it is never known better.
+  static constexpr double kLittle = 0.02;     ///< Of V: smaller changes say nothing.
+  static constexpr double kGain = 0.2;        ///< Of the means.
+
+  void learn(double seconds, double max_cost);
   void judge(double min_cost, double seconds);
-  double frame_s() const { return 1 / (settings_.f0 * time_left_); }
+  double frame_s() const { return 1 / settings_.f0; }
   double wanted_vertices(double min_cost, double max_cost) const;
 
   Settings settings_;
   double slope_;
   double fixed_ = 0;
-  double time_left_ = 1;
-  DriftingValue rest_;  ///< Times of frames minus b V.
+  double mean_v_ = 0, mean_t_ = 0, weight_ = 0;  ///< Of the last frames; the change of V that slope_ is worth.
+  DriftingValue rest_;                           ///< Times of frames minus b V.
   double planned_ = 0;
-  double drawn_ = 0;          ///< V of the last frame.
-  bool within_reach_ = true;  ///< Fewer vertices can hold the rate.
-  int frames_against_ = 0;    ///< In a row, against within_reach_.
-  std::vector<Sample> samples_;
+  double drawn_ = 0;                  ///< V of the last frame.
+  double wanted_ = 0, resolved_ = 0;  ///< What V was to be, and was but for vertices that still vanish.
+  bool within_reach_ = true;          ///< Fewer vertices can hold the rate.
+  int frames_against_ = 0;            ///< In a row, against within_reach_.
+  int learned_ = 0;
+  std::vector<double> newest_;  ///< Seconds of the last three frames.
   PlanMargin margin_;
 };
 
-/// Minimises the sum of bend pixels^2 / N with sum(cost x N) <= budget, as far as the bounds allow. Exact up to
+/// Minimises the sum of the errors on the screen, pixels^2 times each one's geometric error, with sum(cost x N) <=
+/// budget, as far as the bounds allow: so that everywhere the same time takes the same from the sum. Exact up to
 /// rounding.
 std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget);
 

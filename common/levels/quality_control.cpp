@@ -12,6 +12,8 @@ namespace {
 constexpr double kLate = 100;   // of the largest error, for twice the time: being in time goes before all
 constexpr double kRoom = 0.92;  // of the budget, for a change that costs time
 constexpr double kMostSaved = 0.95;
+constexpr double kSurprise = 1.5;  // of a change's time, at most, for what it was said to take
+constexpr int kWarm = 2;           // pictures that make programs and buffers
 
 double cost_of(std::span<const ObjectView> objects, std::uint32_t ObjectView::*count) {
   double cost = 0;
@@ -20,6 +22,12 @@ double cost_of(std::span<const ObjectView> objects, std::uint32_t ObjectView::*c
 }
 
 }  // namespace
+
+QualityKnob resolution_knob(double error, double saved) {
+  QualityKnob knob{error, saved, {}};
+  for (const double side : kResolutions) knob.steps.push_back({1 / side - 1, (1 - side * side) / 0.75});
+  return knob;
+}
 
 QualityControl::QualityControl(const Settings& settings)
     : settings_(settings), levels_(settings.budget), steps_(settings.knobs.size()) {
@@ -44,7 +52,7 @@ double QualityControl::error_of(const Steps& steps, const Scene& scene, double b
     error += settings_.knobs[k].error * settings_.knobs[k].steps[steps[k]].error;
     largest += settings_.knobs[k].error;
   }
-  const double left = time_left(steps), room = budget_s / left - levels_.fixed_s();
+  const double left = time_left(steps) / time_left(steps_), room = budget_s / left - levels_.fixed_s();
   const double V = std::clamp(room / levels_.slope_s(), scene.least, scene.most);
   if (V > 0) error += settings_.vertex_error * (scene.most / V - 1);
   const double late = left * (levels_.fixed_s() + levels_.slope_s() * V) / budget_s - 1;
@@ -69,15 +77,16 @@ QualityControl::Steps QualityControl::best(const Scene& scene, double budget_s) 
 }
 
 void QualityControl::learn(double seconds) {
-  const double predicted = time_left(steps_) * (levels_.fixed_s() + levels_.slope_s() * levels_.drawn());
-  if (predicted > 0) ratios_.push_back(std::clamp(seconds / predicted, 0.5, 2.0));
-  if (ratios_.size() < static_cast<std::size_t>(kLearn) || !changed_) return;
+  const double predicted = levels_.fixed_s() + levels_.slope_s() * levels_.drawn();
+  if (predicted > 0) ratios_.push_back(std::clamp(seconds / predicted, 1 / kSurprise, kSurprise));
+  if (ratios_.size() < static_cast<std::size_t>(kLearn)) return;
   std::nth_element(ratios_.begin(), ratios_.begin() + kLearn / 2, ratios_.end());
   // What the lower of the two steps saves was wrong.
   QualityKnob& knob = settings_.knobs[*changed_];
   const double median = ratios_[kLearn / 2], left = (1 - knob.saved * changed_part_) * (rose_ ? 1 / median : median);
   if (changed_part_ > 0) knob.saved = std::clamp((1 - left) / changed_part_, 0.0, kMostSaved);
   changed_.reset();
+  levels_.scale_costs(median);
 }
 
 void QualityControl::change_to(const Steps& steps) {
@@ -87,14 +96,15 @@ void QualityControl::change_to(const Steps& steps) {
   changed_.reset();
   for (std::size_t k = 0; k < steps.size(); ++k) {
     const double saved = settings_.knobs[k].saved;
-    if (steps[k] == steps_[k] || saved < most) continue;
+    if (settings_.trials || steps[k] == steps_[k] || saved < most) continue;
     most = saved;
     changed_ = k;
     changed_part_ = settings_.knobs[k].steps[std::max(steps[k], steps_[k])].saved;
   }
+  levels_.scale_costs(time_left(steps) / time_left(steps_));
   steps_ = steps;
   rose_ = rises;
-  since_change_ = 0;
+  since_change_ = late_ = 0;
   ratios_.clear();
 }
 
@@ -103,12 +113,13 @@ void QualityControl::adapt(const Scene& scene) {
   const double full_s = levels_.fixed_s() + levels_.slope_s() * scene.most;
   trial_wanted_ = settings_.trials && (full_s > budget_s || lowered()) &&
                   (next_trial_ < settings_.knobs.size() || since_trial_ >= kTrialEvery);
-  if (pictures_ < kLearn || since_change_ < kLearn) return;
+  if (pictures_ < kWarm + kLearn || since_change_ < kLearn) return;
   if (settings_.trials && next_trial_ < settings_.knobs.size()) return;  // measured first, at full quality
   const double now = error_of(steps_, scene, budget_s);
-  if (const Steps cheaper = best(scene, budget_s);
-      time_left(cheaper) < time_left(steps_) && error_of(cheaper, scene, budget_s) < (1 - kBetter) * now)
-    return change_to(cheaper);
+  const Steps cheaper = best(scene, budget_s);
+  const bool helps = time_left(cheaper) < time_left(steps_) && error_of(cheaper, scene, budget_s) < (1 - kBetter) * now;
+  late_ = helps ? late_ + 1 : 0;
+  if (late_ >= kLearn) return change_to(cheaper);
   if (since_change_ < wait_) return;
   if (since_change_ % kLongestWait == 0) wait_ = std::max(kWait, wait_ / 2);
   const Steps finer = best(scene, kRoom * budget_s);
@@ -119,19 +130,24 @@ void QualityControl::adapt(const Scene& scene) {
 QualityControl::Choice QualityControl::choose(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
   std::vector<ObjectView> bounded(objects.begin(), objects.end());
   for (ObjectView& object : bounded)
-    object.min = std::max(object.min, static_cast<std::uint32_t>(std::lround(kFewVertices * object.max)));
+    object.min = std::max(object.min, static_cast<std::uint32_t>(kFewVertices * object.max + 0.5));
   const double few = cost_of(bounded, &ObjectView::min), least = cost_of(objects, &ObjectView::min);
-  if (levels_.slope_s() * (few - least) >= kWorthwhile * (levels_.fixed_s() + levels_.slope_s() * few))
-    bounded.assign(objects.begin(), objects.end());
+  const double saved = levels_.slope_s() * (few - least) / (levels_.fixed_s() + levels_.slope_s() * few);
+  const bool knows = pictures_ > kWarm && (!settings_.trials || next_trial_ >= settings_.knobs.size());
+  goes_low_ = knows && saved >= (goes_low_ ? 1 : 2) * kWorthwhile;
+  if (goes_low_) bounded.assign(objects.begin(), objects.end());
   if (last && std::isfinite(last->seconds) && last->seconds > 0) {
     ++pictures_, ++since_change_, ++since_trial_;
+    const double left = time_left(steps_);
     if (changed_) {
       learn(last->seconds);
       last.reset();  // It says what the change saves, not what the scene costs.
+    } else if (pictures_ <= kWarm) {
+      last.reset();
     }
-    adapt({cost_of(bounded, &ObjectView::min), cost_of(bounded, &ObjectView::max)});
+    if (pictures_ > kWarm) adapt({cost_of(bounded, &ObjectView::min), cost_of(bounded, &ObjectView::max)});
+    if (last) last->seconds *= time_left(steps_) / left;
   }
-  levels_.set_time_left(time_left(steps_));
   return {steps_, levels_.resolve(bounded, last)};
 }
 
@@ -140,16 +156,20 @@ std::optional<std::size_t> QualityControl::trial() {
   since_trial_ = 0;
   const std::size_t knobs = settings_.knobs.size(), knob = next_trial_++ % knobs;
   if (next_trial_ >= 2 * knobs) next_trial_ = knobs;
-  return steps_[knob] == 0 ? std::optional(knob) : std::nullopt;
+  return knob;
 }
 
-void QualityControl::measured(std::size_t knob, double saved, double error) {
+void QualityControl::measured(std::size_t knob, double own, double other, double error) {
   assert(knob < settings_.knobs.size());
-  if (!std::isfinite(saved) || !std::isfinite(error) || steps_[knob] > 0) return;
-  const double before = std::exchange(settings_.knobs[knob].error, std::max(error, 0.0));
-  settings_.knobs[knob].saved = std::clamp(saved, 0.0, kMostSaved);
+  const double saved = steps_[knob] > 0 ? 1 - own / other : 1 - other / own;
+  if (!std::isfinite(saved) || !std::isfinite(error)) return;
+  QualityKnob& of = settings_.knobs[knob];
+  const QualityKnob::Step step = steps_[knob] > 0 ? of.steps[steps_[knob]] : QualityKnob::Step{1, 1};
+  if (step.saved <= 0 || step.error <= 0) return;
+  const double before = std::exchange(of.error, std::max(error / step.error, 0.0));
+  of.saved = std::clamp(saved / step.saved, 0.0, kMostSaved);
   // Fewer vertices lose edges, as fewer pixels do.
-  if (knob == 0 && before > 0) settings_.vertex_error *= settings_.knobs[0].error / before;
+  if (knob == 0 && before > 0) settings_.vertex_error *= of.error / before;
 }
 
 }  // namespace eigencast

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -21,16 +22,23 @@ struct QualityKnob {
   std::vector<Step> steps;  ///< From {0, 0}, full quality, to {1, 1}.
 };
 
+/// Parts of a picture's side in pixels, from all to the fewest that are scaled up well, and what they cost.
+inline constexpr std::array<float, 5> kResolutions{1, 0.84F, 0.71F, 0.59F, 0.5F};
+QualityKnob resolution_knob(double error, double saved);
+/// QualityControl::Settings::vertex_error, of what half of the pixels a side change.
+inline constexpr double kOfHalfTheVertices = 0.4;
+
 /// Keeps each picture's work within its time by what costs least to the eye: gives up, of picture quality and vertices
 /// together, what adds the least image error for the time that is wanted. Clockless. Not thread-safe.
 ///
-/// A picture takes c (a + b V): a, b and V as of BudgetResolver, which splits V; c is the product of what the knobs'
-/// steps leave. Their errors add up; fewer vertices add vertex_error (Vmax / V - 1). Of all combinations that with the
-/// least error in time is taken, as the model says. Savings are estimates until measured: by trial() at the start and
-/// again now and then, and by each change.
+/// A picture takes a + b V, as of BudgetResolver, which splits V, times the product of what other steps of the knobs
+/// leave, over what the present ones do. Their errors add up; fewer vertices add vertex_error (Vmax / V - 1). Of all
+/// combinations that with the least error in time is taken, as the model says. Savings are estimates until measured: by
+/// trial() at the start and again now and then, or, without trials, by each change.
 ///
-/// A change needs kLearn pictures since the last one and an error less by kBetter. One that costs time needs a wait,
-/// too, which doubles whenever such a change had to be undone, so that nothing oscillates.
+/// A change needs kLearn pictures since the last one, and an error less by kBetter; one that saves time is wanted in
+/// kLearn pictures in a row. One that costs time needs a wait, which doubles whenever such a change had to be undone,
+/// so that nothing oscillates.
 class QualityControl final {
  public:
   static constexpr int kLearn = 4;             ///< Pictures that measure a change.
@@ -56,10 +64,11 @@ class QualityControl final {
   };
   Choice choose(std::span<const ObjectView> objects, std::optional<FrameWork> last);
 
-  /// A knob whose last step is to be drawn beside the next picture, the other knobs as they are. Asked once.
+  /// A knob: beside the next picture, another one is to be drawn with the knob at its first step, or at its last if it
+  /// is at the first, and the other knobs as they are. Asked once.
   std::optional<std::size_t> trial();
-  /// saved: part of the picture's time; error: the difference of the two pictures. Ignored if not finite.
-  void measured(std::size_t knob, double saved, double error);
+  /// own, other: the two pictures' times, in one unit; error: their difference. Ignored if not finite.
+  void measured(std::size_t knob, double own, double other, double error);
 
   const std::vector<QualityKnob>& knobs() const { return settings_.knobs; }
   bool lowered() const;
@@ -86,8 +95,9 @@ class QualityControl final {
   double changed_part_ = 0;             ///< Of that knob's saving, by the lower step.
   std::size_t next_trial_ = 0;
   bool trial_wanted_ = false;
-  int pictures_ = 0, since_change_ = 0, since_trial_ = 0, wait_ = kWait;
-  bool rose_ = false;  ///< By the last change.
+  int pictures_ = 0, since_change_ = 0, since_trial_ = 0, late_ = 0, wait_ = kWait;
+  bool rose_ = false;      ///< By the last change.
+  bool goes_low_ = false;  ///< Below kFewVertices.
 };
 
 }  // namespace eigencast

@@ -81,7 +81,7 @@ TEST(Levels, QualityGoesBeforeGeometryAndComesBackWhenStill) {
     stage.turn(now);
     seconds = left_of(control.quality()) * (0.08 + 0.02 * static_cast<double>(stage.scene.vertex_count()) / 2562);
     if (const auto other = control.trial())
-      control.measured(1 - left_of(*other) / left_of(control.quality()), other->ground ? 1 : 4);
+      control.measured(left_of(control.quality()), left_of(*other), other->ground ? 1 : 4);
     now += static_cast<TimeUs>(1e6 * seconds);
     last = FrameWork{now, seconds};
   }
@@ -107,8 +107,6 @@ TEST(Levels, VerticesGoWhereTheyAreMissed) {
   Asset smooth = sphere_asset(4), rough = smooth;
   smooth.level_errors = {{100, 1e-3F, 1e-2F}, {1000, 1e-4F, 1e-3F}};
   rough.level_errors = {{100, 4e-3F, 4e-2F}, {1000, 4e-4F, 4e-3F}};
-  EXPECT_NEAR(bend_of(rough).value() / bend_of(smooth).value(), 4, 1e-5);
-  EXPECT_FALSE(bend_of(sphere_asset(2)));
   const auto levels_of = [](const Asset& left, const Asset& right) {
     Stage stage({left, right}, {at(0, {-1, 0, 0}), at(1, {1, 0, 0})});
     EXPECT_TRUE(stage.turn(0));
@@ -123,7 +121,8 @@ TEST(Levels, VerticesGoWhereTheyAreMissed) {
     return static_cast<double>(stage.geometry(1).vertex_count()) /
            static_cast<double>(stage.geometry(0).vertex_count());
   };
-  EXPECT_NEAR(levels_of(smooth, rough), 2, 0.1);
+  // There errors fall a little more slowly than as 1 / rows.
+  EXPECT_NEAR(levels_of(smooth, rough), 2.2, 0.2);
   EXPECT_NEAR(levels_of(sphere_asset(4), rough), 1, 0.05) << "what is not known is as of the others";
 }
 

@@ -106,6 +106,30 @@ TEST(SplitBudget, NoExchangeReducesTheError) {
   }
 }
 
+TEST(SplitBudget, FollowsTheErrorsOfLevels) {
+  // One is smooth to a tenth of its rows and rough below; the other falls evenly.
+  const std::vector<LevelError> bent{{100, 0.1}, {1000, 1e-3}, {5000, 1e-4}},
+      even{{100, 1e-2}, {1000, 1e-3}, {5000, 2e-4}};
+  const auto of_bent = gains_from_errors(bent, 10'000), of_even = gains_from_errors(even, 10'000);
+  EXPECT_NEAR(of_bent.front().gain, (0.1 - 1e-3) / 900, 1e-12);
+  for (const auto& gains : {of_bent, of_even}) {
+    for (std::size_t i = 1; i < gains.size(); ++i) EXPECT_LT(gains[i].gain, gains[i - 1].gain);
+  }
+  const auto split = [&](double budget) {
+    return split_budget(
+        std::vector<ObjectView>{{10'000, 100, 1, 500, 1, 0, of_bent}, {10'000, 100, 1, 500, 1, 0, of_even}}, budget);
+  };
+  EXPECT_GT(split(1000)[0], split(1000)[1]) << "where few rows make it rough it gets more";
+  EXPECT_LT(split(12'000)[0], split(12'000)[1]) << "and less where the first thousand were enough";
+  // Gains that grow, as measured errors may say, are taken together; a surface without errors has none.
+  const std::vector<LevelError> uneven{{100, 0.01}, {200, 0.0099}, {400, 0.001}};
+  const auto joined = gains_from_errors(uneven, 800);
+  ASSERT_EQ(joined.size(), 2U);
+  EXPECT_NEAR(joined[0].gain, 0.009 / 300, 1e-12);
+  EXPECT_TRUE(gains_from_errors({}, 800).empty());
+  EXPECT_TRUE(gains_from_errors(std::vector<LevelError>{{100, 0.0}}, 800).empty());
+}
+
 TEST(SplitBudget, BoundsWinOverTheBudget) {
   const std::vector<ObjectView> objects{{1000, 100, 1, 50, 1}, {1000, 100, 1, 90, 1}};
   EXPECT_EQ(split_budget(objects, 0), (Counts{100, 100}));
@@ -121,8 +145,9 @@ struct Machine {
 };
 
 struct Flight {
-  double within = 0;  ///< Part of the frames within 1.25 / f0 after the first second.
-  double use = 0;     ///< Median part of the frame's time used while below full detail.
+  double within = 0;     ///< Part of the frames within 1.25 / f0 after the first second.
+  double use = 0;        ///< Median part of the frame's time used while below full detail.
+  double least_use = 0;  ///< Its 5th percentile.
   double mean_level = 0;
   double wobble = 0;                      ///< Mean |change of V| / V over the last quarter.
   bool was_full = true;                   ///< Every frame of the last quarter at full detail.
@@ -184,6 +209,7 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
   flight.within = static_cast<double>(within) / frames;
   std::sort(uses.begin(), uses.end());
   flight.use = uses.empty() ? 1 : uses[uses.size() / 2];
+  flight.least_use = uses.empty() ? 1 : uses[uses.size() / 20];
   flight.mean_level = flight.level_between(0, duration + 1);
   for (std::size_t i = 1; i < totals.size(); ++i) flight.wobble += std::abs(totals[i] - totals[i - 1]) / totals[i];
   flight.wobble /= static_cast<double>(totals.size());
@@ -197,15 +223,15 @@ TEST(DriftingValue, FollowsDriftAndJumpsButNoSpike) {
   double most_step = 0, error = 0;
   for (int i = 0; i < 400; ++i) {
     const double before = value.value();
-    value.add(10 + 0.01 * i + noise(random) + (i % 40 == 33 ? 30 : 0), 5);
+    value.add(10 + 0.01 * i + noise(random) + (i % 40 == 33 ? 30 : 0));
     if (i > 5) most_step = std::max(most_step, std::abs(value.value() - before));
     if (i > 20) error += std::abs(value.value() - (10 + 0.01 * i)) / 379;
   }
   EXPECT_LE(most_step, 0.3 * 3 * 1.5 * 0.5) << "one far off is passed over";
   EXPECT_LE(error, 0.2) << "less than half of the noise";
-  for (int i = 0; i < 3; ++i) value.add(40 + noise(random), 5);
+  for (int i = 0; i < 3; ++i) value.add(40 + noise(random));
   EXPECT_NEAR(value.value(), 40, 1);
-  for (int i = 0; i < 3; ++i) value.add(2, 5);
+  for (int i = 0; i < 3; ++i) value.add(2);
   EXPECT_NEAR(value.value(), 2, 1e-9);
 }
 
@@ -214,20 +240,20 @@ TEST(PlanMargin, LeavesWhatTheNoiseNeeds) {
     PlanMargin margin(deadline);
     std::mt19937 random(3);
     std::normal_distribution<double> normal(0, noise);
-    for (int i = 0; i < 100; ++i) margin.add(std::exp(normal(random)));
+    for (int i = 0; i < 200; ++i) margin.add(std::exp(normal(random)));
     return margin.fill();
   };
   EXPECT_NEAR(fill(1, 1e-6), PlanMargin::kEdge, 1e-4);
   EXPECT_NEAR(fill(1, 0.03), PlanMargin::kEdge / std::exp(1.645 * 0.03), 0.02);
-  EXPECT_NEAR(fill(1, 0.06), PlanMargin::kEdge / std::exp(1.645 * 0.06), 0.03);
-  EXPECT_DOUBLE_EQ(fill(1, 0.5), PlanMargin::kMin) << "most of the frame's time is used on any machine";
+  EXPECT_NEAR(fill(1, 0.06), PlanMargin::kUsed * std::exp(1.645 * 0.06), 0.03);
+  EXPECT_DOUBLE_EQ(fill(1, 0.5), 1) << "beside so much noise being in time gives way to using the time";
+  EXPECT_NEAR(fill(1, 0.1), PlanMargin::kUsed * std::exp(1.645 * 0.1), 0.04);
   EXPECT_DOUBLE_EQ(fill(1.25, 0.06), 1) << "so much noise fits in a quarter";
-  EXPECT_LT(fill(1.25, 0.2), 0.97);
   PlanMargin margin(1);
   const double before = margin.fill();
   for (std::size_t i = 1; i < PlanMargin::kMinFrames; ++i) margin.add(3);
   EXPECT_EQ(margin.fill(), before) << "of few frames nothing is learnt";
-  for (std::size_t i = 0; i < PlanMargin::kWindow; ++i) margin.add(i % 25 == 7 ? 4.0 : 1.0);
+  for (std::size_t i = 0; i < 3 * PlanMargin::kWindow; ++i) margin.add(i % 25 == 7 ? 4.0 : 1.0);
   EXPECT_DOUBLE_EQ(margin.fill(), PlanMargin::kEdge) << "a frame in twenty may be late, however late it is";
 }
 
@@ -248,7 +274,8 @@ TEST(BudgetResolver, LeavesTimeForNoise) {
   EXPECT_GE(quiet.use, 0.94);
   EXPECT_GE(usual.use, 0.87);
   EXPECT_GE(loud.use, 0.80);
-  EXPECT_LE(loud.use, usual.use);
+  EXPECT_GE(usual.least_use, 0.8);
+  EXPECT_GE(loud.least_use, 0.75);
   EXPECT_LE(quiet.slowest_percentile(95), 1.0 / 20) << "in the display's own time";
   EXPECT_LE(usual.slowest_percentile(95), 1.03 / 20);
   EXPECT_GE(loud.within, 0.95);
@@ -297,7 +324,7 @@ TEST(BudgetResolver, KeepsDetailWhenFixedCostFillsTheFrame) {
   // and more.
   for (const double fixed : {0.018, 0.030, 0.200}) {
     const Flight flight = fly({[&](double v, double) { return fixed + 0.010 * v / 50'586; }, 0.02, 0}, 60, 20);
-    EXPECT_GE(flight.mean_level, 0.35) << fixed << " s";
+    EXPECT_GE(flight.mean_level, 0.3) << fixed << " s";
     EXPECT_LE(flight.slowest_percentile(99), 1.25 * (fixed + 0.0001) * 1.12)
         << fixed << " s: a quarter more, and the noise of work and plan";
   }

@@ -19,6 +19,8 @@ struct KnobMachine {
   std::vector<double> saved{0.5, 0.4, 0.4};
   std::vector<double> error{0.4, 0.15, 3};
   double noise = 0.03;
+  double spikes = 0;          ///< The part of the pictures that another program makes three times as long.
+  bool has_geometry = false;  ///< Vertices keep more of their time than pixels do: its root.
   std::function<double(int)> load = [](int) { return 1.0; };  ///< By the number of the picture.
 };
 
@@ -76,9 +78,18 @@ PlayedPictures played_on(const KnobMachine& machine, int pictures, bool trials =
     const auto choice = control.choose({&object, 1}, last);
     object.drawn = choice.levels[0];
     const double level = choice.levels[0] / double{kVertices};
-    const double seconds = machine.load(i) * left_by_knobs(machine, control.knobs(), choice.steps) *
-                           (machine.fixed + machine.vertices * level) * std::exp(machine.noise * normal(random));
-    if (const auto knob = control.trial()) control.measured(*knob, machine.saved[*knob], machine.error[*knob]);
+    const double left = left_by_knobs(machine, control.knobs(), choice.steps);
+    const double seconds =
+        machine.load(i) *
+        (left * machine.fixed + (machine.has_geometry ? std::sqrt(left) : left) * machine.vertices * level) *
+        std::exp(machine.noise * normal(random)) *
+        (std::uniform_real_distribution(0.0, 1.0)(random) < machine.spikes ? 3 : 1);
+    if (const auto knob = control.trial()) {
+      const std::size_t step = choice.steps[*knob];
+      const QualityKnob::Step part = step == 0 ? QualityKnob::Step{1, 1} : control.knobs()[*knob].steps[step];
+      const double cheaper = 1 - machine.saved[*knob] * part.saved;
+      control.measured(*knob, step == 0 ? 1 : cheaper, step == 0 ? cheaper : 1, machine.error[*knob] * part.error);
+    }
     now += static_cast<TimeUs>(1e6 * seconds);
     last = FrameWork{now, seconds};
     result.seconds.push_back(seconds);
@@ -156,6 +167,37 @@ TEST(QualityControl, NeverOscillates) {
     const KnobMachine machine{.load = [period](int i) { return 1 + 0.2 * std::sin(6.2831853 * i / period); }};
     EXPECT_LE(played_on(machine, 6000).changes(200, 6000), 60) << period;
     EXPECT_LE(played_on(machine, 12'000).changes(6000, 12'000), 40) << period << ": and ever less";
+  }
+}
+
+/// Parts of a run, in pictures.
+struct Span {
+  std::size_t from, to;
+};
+double percentile(const std::vector<double>& values, const Span& span, double part) {
+  std::vector<double> sorted(values.begin() + static_cast<long>(span.from),
+                             values.begin() + static_cast<long>(span.to));
+  std::sort(sorted.begin(), sorted.end());
+  return sorted[static_cast<std::size_t>(part * static_cast<double>(sorted.size() - 1))];
+}
+
+TEST(QualityControl, LevelsAreSteadyBesideNoiseSpikesAndAStepOfTheLoad) {
+  // As six horses on a processor that draws and has other things to do.
+  for (const double noise : {0.03, 0.08, 0.12}) {
+    KnobMachine machine{.fixed = 0.09, .vertices = 0.052, .saved = {0.6, 0.5, 0.4}, .noise = noise, .spikes = 0.02};
+    machine.has_geometry = true;
+    machine.load = [](int i) { return i >= 600 && i < 1200 ? 1.4 : 1.0; };
+    const PlayedPictures found = played_on(machine, 1800);
+    EXPECT_GE(*std::min_element(found.levels.begin(), found.levels.end()), QualityControl::kFewVertices - 1e-4);
+    constexpr std::size_t kSettled = 60;  // pictures after the start and after each step
+    for (const Span& steady : {Span{kSettled, 600}, Span{600 + kSettled, 1200}, Span{1200 + kSettled, 1800}}) {
+      const double least = percentile(found.levels, steady, 0.05), most = percentile(found.levels, steady, 0.95);
+      EXPECT_LE(most / least, noise < 0.05 ? 1.2 : 1.4) << noise << " from picture " << steady.from;
+      EXPECT_LE(found.changes(steady.from, steady.to), 1) << noise << " from picture " << steady.from;
+      EXPECT_GE(percentile(found.seconds, steady, 0.05) * kF0, noise < 0.1 ? 0.8 : 0.78) << noise;
+      EXPECT_LE(percentile(found.seconds, steady, 0.5) * kF0, 1) << noise;
+      EXPECT_LE(found.late(steady.from, steady.to), noise < 0.05 ? 0.03 : noise < 0.1 ? 0.08 : 0.22) << noise;
+    }
   }
 }
 
