@@ -13,7 +13,7 @@ import math
 import subprocess
 import tempfile
 
-from common import clip_argument, np, parser, pathlib, plt, skip, write_picture, write_table
+from common import bench_parser, bench_program, clip_argument, np, pathlib, plt, write_picture, write_table
 
 CHANGES = {"change_mean": "levels change", "change_part": "pixels by > 3", "motion_mean": "motion changes", "motion_part": "pixels by > 3 "}
 RESOLVERS = {"none": "full detail", "paper": "Eq. 5/6, Algorithm 1", "budget": "budget (ours)"}
@@ -32,10 +32,7 @@ def flight(seconds):
 
 
 def fly(options, clip, path, resolver, *arguments):
-    program = options.bin / "resolution_flight"
-    if not program.exists():
-        skip(f"{program} is not built (cmake --preset bench; ninja resolution_flight), or --bin names another folder")
-    done = subprocess.run([program, "--clip", clip, "--flight", path, "--resolver", resolver, "--f0", str(options.f0), "--width",
+    done = subprocess.run([bench_program(options, "resolution_flight"), "--clip", clip, "--flight", path, "--resolver", resolver, "--f0", str(options.f0), "--width",
                            str(options.width), "--height", str(options.height), "--cache", path.parent, *(["--model"] if options.model else []), *map(str, arguments)],
                           capture_output=True, text=True, check=False)
     if done.returncode != 0:
@@ -45,9 +42,9 @@ def fly(options, clip, path, resolver, *arguments):
     return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
 
 
-def similarity(run, since):
-    """Of the pictures after `since` seconds; the paper's resolver needs its time to arrive at the rate."""
-    return f"{np.nanmean(run['similarity'][run['t_s'] >= since]):.4f}" if run else "-"
+def similarity(run, since, until):
+    """Of the pictures between, seconds; the paper's resolver needs its time to arrive at the rate."""
+    return f"{np.nanmean(run['similarity'][(run['t_s'] >= since) & (run['t_s'] < until)]):.5f}" if run else "-"
 
 
 def changed(run, what):
@@ -65,12 +62,12 @@ def row_of(name, run, similar, options):
     return [RESOLVERS[name], len(work), f"{1000 / np.mean(work):.1f}", f"{1000 / np.percentile(work, 95):.1f}",
             f"{100 * np.mean(work <= 1.25 * budget):.1f}",
             f"{100 * np.mean(used):.0f}" if below.any() else "-", f"{100 * np.percentile(used, 5):.0f}" if below.any() else "-",
-            f"{np.mean(mean):.3f}", f"{lod.min():.3f}", similarity(similar, 1), similarity(similar, options.seconds / 2),
+            f"{np.mean(mean):.3f}", f"{lod.min():.3f}", similarity(similar, 1, options.seconds / 2), similarity(similar, options.seconds / 2, options.seconds + 1),
             *(changed(similar, what) for what in CHANGES if options.model)]
 
 
 def main():
-    p = parser(__doc__)
+    p = bench_parser(__doc__)
     p.add_argument("--f0", type=float, default=20)
     p.add_argument("--seconds", type=float, default=12)
     p.add_argument("--width", type=int, default=192, help="small, where the processor draws: pixels are a fixed cost")
@@ -97,7 +94,7 @@ def main():
                              *(["--changes-every", 2] if options.model else []))
                    for name in RESOLVERS if name != "none"}
     header = ["levels", "pictures", "rate/s", "rate p5 /s", "within 1.25/f0 %", "budget used %", "used p5 %", "mean LOD", "least LOD",
-              "SSIM to full", "SSIM, second half", *(CHANGES.values() if options.model else [])]
+              "SSIM to full, first half", "second half", *(CHANGES.values() if options.model else [])]
     table = [row_of(name, run, similar.get(name), options) for name in RESOLVERS for run in runs[name]]
     write_table(options, "figure_6_7", header, table)
     figure, axes = plt.subplots(2, 3, figsize=(14, 6), sharex=True, sharey="row")
