@@ -20,7 +20,7 @@ try {
   const { devDependencies, scripts, ...manifest } = JSON.parse(readFileSync(here('package.json'), 'utf8'));
   writeFileSync(join(stage, 'package.json'), `${JSON.stringify(manifest, null, 2)}\n`);
   for (const file of ['README.md', '../LICENSE']) copyFileSync(here(file), join(stage, file.replace('../', '')));
-  for (const module of ['eigencast-core.wasm', 'eigencast-writer.wasm']) copyFileSync(join(wasm, module), join(dist, module));
+  for (const module of ['eigencast-core.wasm', 'eigencast-levels.wasm', 'eigencast-writer.wasm']) copyFileSync(join(wasm, module), join(dist, module));
   run(process.execPath, here('build.mjs'), '--package', dist);
   run(process.execPath, here('node_modules/typescript/bin/tsc'), '-p', here('tsconfig.json'), '--outDir', join(dist, 'types'));
   run('npm', 'pack', '--silent', '--ignore-scripts', '--pack-destination', out);

@@ -208,7 +208,7 @@ typedef struct {
 const core_numbers* CORE(surface_numbers)(core_surface* surface, const core_asset* asset, const double* coefficients,
                                           uint32_t count, uint32_t is_length);
 
-/* ---- Levels: how many vertices each surface gets, so that pictures are in time (common/levels) ---- */
+/* ---- Levels: how many vertices each surface and pixels all get, so that pictures are in time (common/levels) ---- */
 
 typedef struct core_levels core_levels;
 
@@ -227,6 +227,8 @@ const uint32_t* CORE(levels_resolve)(core_levels* levels, const core_object* obj
                                      double seconds);
 /* The planned work of the last picture, as a part of its time. */
 double CORE(levels_state)(const core_levels* levels);
+/* The part of its pixels that the next picture has along each side: 1 down to 0.5. */
+double CORE(levels_resolution)(const core_levels* levels);
 
 #ifdef __cplusplus
 }

@@ -4,16 +4,16 @@
 #include <optional>
 #include <vector>
 
-#include "common/levels/lod_resolver.h"
+#include "common/levels/quality_control.h"
 #include "web/core/core.h"
 #include "web/core/error.h"
 
 using namespace eigencast;
 
 struct core_levels {
-  BudgetResolver resolver;
+  QualityControl control;
   std::vector<ObjectView> objects;
-  std::vector<std::uint32_t> resolved;
+  QualityControl::Choice chosen;
 };
 
 namespace {
@@ -30,10 +30,12 @@ bool is_usable(const core_object& object) {
 core_levels* levels_make(double pictures_per_second, double deadline) {
   if (!(pictures_per_second >= 1 && pictures_per_second <= 1000 && deadline > 0 && deadline <= 10))
     return web::no(fail(ErrorCode::kInvalidArgument, "a rate is 1 to 1000 pictures a second, a deadline up to 10"));
-  BudgetResolver::Settings settings;
-  settings.f0 = pictures_per_second;
-  settings.deadline = deadline;
-  return new core_levels{BudgetResolver(settings), {}, {}};
+  // Other machines than those at hand: what pixels save shows by giving them up.
+  constexpr double kError = 0.25, kSaved = 0.5;
+  QualityControl::Settings settings{{}, {resolution_knob(kError, kSaved)}, kOfHalfTheVertices * kError, false};
+  settings.budget.f0 = pictures_per_second;
+  settings.budget.deadline = deadline;
+  return new core_levels{QualityControl(settings), {}, {{0}, {}}};
 }
 
 void levels_free(core_levels* levels) {
@@ -47,11 +49,16 @@ const uint32_t* levels_resolve(core_levels* levels, const core_object* objects, 
   levels->objects.clear();
   for (const core_object* o = objects; o != objects + count; ++o)
     levels->objects.push_back({o->max, o->min, o->distance, o->pixels, o->vertex_cost, o->drawn});
-  levels->resolved = levels->resolver.resolve(levels->objects, FrameWork{now_us, seconds});
-  levels->resolved.resize(std::max<std::size_t>(levels->resolved.size(), 1));  // Never null, even for no objects.
-  return levels->resolved.data();
+  levels->chosen = levels->control.choose(levels->objects, FrameWork{now_us, seconds});
+  auto& resolved = levels->chosen.levels;
+  resolved.resize(std::max<std::size_t>(resolved.size(), 1));  // Never null, even for no objects.
+  return resolved.data();
 }
 
 double levels_state(const core_levels* levels) {
-  return levels->resolver.state();
+  return levels->control.state();
+}
+
+double levels_resolution(const core_levels* levels) {
+  return double{kResolutions[levels->chosen.steps[0]]};
 }

@@ -19,7 +19,6 @@ export { ObjectFetcher } from './client/objects.js';
 export { Camera } from './view/camera.js';
 export { NumberPainter, roundUp, tableOf } from './view/numbers.js';
 export { pick } from './view/pick.js';
-export { Sharpness } from './view/sharpness.js';
 export { tileWidth } from './page/list_page.js';
 export { linkOf, pageOf, placeOf } from './page/place.js';
 export { bannerOf } from './page/words.js';

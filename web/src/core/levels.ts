@@ -14,19 +14,31 @@ export interface LevelObject {
   drawn: number;
 }
 
+/** What eigencast-levels.wasm exports, beside what it has of a Core's: web/core/core.h. */
+interface Exports {
+  levels_make(picturesPerSecond: number, deadline: number): number;
+  levels_free(levels: number): void;
+  levels_resolve(levels: number, objects: number, count: number, nowUs: bigint, seconds: number): number;
+  levels_state(levels: number): number;
+  levels_resolution(levels: number): number;
+}
+
 const OBJECT_BYTES = 40;
 
-/** How many vertices each surface is drawn with, so that pictures are in time: common/levels. Call free() when done. */
+/** How many vertices each surface, and pixels a picture is drawn with, so that they are in time: common/levels. Call free() when done. */
 export class Levels {
   readonly #core: Core;
+  readonly #exports: Exports;
   readonly #at: number;
 
+  /** core: an instance of eigencast-levels.wasm. */
   constructor(core: Core, picturesPerSecond = 60, deadline = 1) {
     this.#core = core;
-    this.#at = core.found(core.exports.levels_make(picturesPerSecond, deadline));
+    this.#exports = core.exports as unknown as Exports;
+    this.#at = core.found(this.#exports.levels_make(picturesPerSecond, deadline));
   }
   free(): void {
-    this.#core.exports.levels_free(this.#at);
+    this.#exports.levels_free(this.#at);
   }
   /** seconds: of work that the last picture took; 0: none yet. */
   resolve(objects: readonly LevelObject[], nowUs: bigint, seconds: number): number[] {
@@ -40,10 +52,14 @@ export class Levels {
       data.setFloat64(to + 16, object.vertexCost, true);
       [object.max, object.min, object.drawn, 0].forEach((value, k) => data.setUint32(to + 24 + 4 * k, value, true));
     });
-    const levels = core.found(core.exports.levels_resolve(this.#at, at, objects.length, nowUs, seconds));
+    const levels = core.found(this.#exports.levels_resolve(this.#at, at, objects.length, nowUs, seconds));
     return Array.from(core.words(levels, objects.length));
   }
+  /** The part of its pixels that the next picture has along each side. */
+  get resolution(): number {
+    return this.#exports.levels_resolution(this.#at);
+  }
   get state(): number {
-    return this.#core.exports.levels_state(this.#at);
+    return this.#exports.levels_state(this.#at);
   }
 }

@@ -39,10 +39,6 @@ export interface Exports {
   surface_update(surface: number, asset: number): number;
   surface_rebuild(surface: number, asset: number, coefficients: number, count: number, channels: number, rank: number, level: number, isTextured: number): number;
   surface_numbers(surface: number, asset: number, coefficients: number, count: number, isLength: number): number;
-  levels_make(picturesPerSecond: number, deadline: number): number;
-  levels_free(levels: number): void;
-  levels_resolve(levels: number, objects: number, count: number, nowUs: bigint, seconds: number): number;
-  levels_state(levels: number): number;
 }
 
 /** What the core, or the broker, refuses: `code` is one of protocol.md, section 10. */

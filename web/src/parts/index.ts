@@ -4,8 +4,11 @@
  * copy no files. A page's policy needs `script-src 'wasm-unsafe-eval'` and `worker-src blob:`.
  */
 import core from 'inline:eigencast-core.wasm';
+import levels from 'inline:eigencast-levels.wasm';
 import worker from 'inline:worker.js';
 import { defaults } from '../client/defaults.js';
 
-defaults.core = Uint8Array.from(atob(core), (character) => character.charCodeAt(0));
+const bytesOf = (base64: string): Uint8Array<ArrayBuffer> => Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
+defaults.core = bytesOf(core);
+defaults.levels = bytesOf(levels);
 defaults.worker = URL.createObjectURL(new Blob([worker], { type: 'text/javascript' }));

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
+import { compiled } from '../client/client.js';
+import { defaults } from '../client/defaults.js';
+import { surroundings } from '../client/environment.js';
 import { Levels, type LevelObject } from '../core/levels.js';
 import { Core, EigencastError } from '../core/module.js';
 import type { GL } from './gl.js';
 import { Renderer } from './renderer.js';
-import { Sharpness } from './sharpness.js';
 import type { Tile } from './target.js';
 import type { View } from './view.js';
 
@@ -37,11 +39,12 @@ export class Stage {
   readonly core: Core;
   readonly #canvas: HTMLCanvasElement;
   readonly #gl: GL;
-  readonly #levels: Levels | undefined;
-  readonly #turnMs: number;
+  readonly #rate: number;
+  #levels: Levels | undefined;
+  #isControlled = false;
+  #isClosed = false;
   readonly #views = new Set<View>();
   readonly #changed = new Set<View>();
-  readonly #sharpness = new Sharpness();
   readonly #seen: IntersectionObserver;
   #renderer: Renderer | undefined;
   #turn: number | undefined;
@@ -56,8 +59,7 @@ export class Stage {
     this.core = core;
     this.#canvas = canvas;
     this.#gl = gl;
-    this.#levels = picturesPerSecond > 0 ? new Levels(core, picturesPerSecond) : undefined;
-    this.#turnMs = 1000 / picturesPerSecond;
+    this.#rate = picturesPerSecond;
     this.#renderer = renderer;
     this.#seen = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) for (const view of this.#views) if (view.canvas === target) view.isInSight = isIntersecting;
@@ -86,6 +88,7 @@ export class Stage {
     for (const view of [...this.#views]) view.close();
     document.removeEventListener('visibilitychange', this.#onVisibility);
     this.#seen.disconnect();
+    this.#isClosed = true;
     this.#levels?.free();
     this.#gl.getExtension('WEBGL_lose_context')?.loseContext();
   }
@@ -103,7 +106,7 @@ export class Stage {
   }
   /** Pixels of the display that a picture has, along each side: fewer where they are too many for the GPU. */
   get sharpness(): number {
-    return this.#sharpness.value;
+    return this.#levels?.resolution ?? 1;
   }
   /** What the last picture took. */
   get workMs(): number {
@@ -147,8 +150,16 @@ export class Stage {
     }
     this.#workMs = this.#lastWorkMs = performance.now() - this.#turnedMs;
     this.#fence ??= this.#gl.fenceSync(this.#gl.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? undefined;
+    if (this.#rate > 0 && !this.#isControlled) this.#control();
   }
 
+  /** Behind the first picture; until it is there all is drawn. */
+  #control(): void {
+    this.#isControlled = true;
+    void compiled(defaults.levels, surroundings()).then((module) => Core.make(module)).then((core) => {
+      if (!this.#isClosed) this.#levels = new Levels(core, this.#rate);
+    }).catch((error: unknown) => console.error('eigencast: pictures may be late, for what holds their rate was not loaded:', error));
+  }
   #schedule(): void {
     this.#turn ??= requestAnimationFrame(() => {
       this.#turn = undefined;
@@ -166,7 +177,6 @@ export class Stage {
       const object = view.levelObject();
       if (object) objects.push(object);
     }
-    if (this.#workMs > 0) this.#sharpness.add(this.#workMs, this.#turnMs);
     const now = nowUs();
     const levels = this.#levels?.resolve(objects, BigInt(now), this.#workMs / 1000);
     this.#workMs = 0;
@@ -180,7 +190,7 @@ export class Stage {
     if (views.length > 0) this.draw(views.map((view) => view.nextPicture()));
   }
   #due(views: View[]): View[] {
-    if (!this.#levels || views.length <= MAX_A_TURN) return views;
+    if (!(this.#rate > 0) || views.length <= MAX_A_TURN) return views;
     const from = this.#next % views.length;
     this.#next = from + MAX_A_TURN;
     return [...views, ...views].slice(from, from + MAX_A_TURN);

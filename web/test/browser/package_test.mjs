@@ -107,7 +107,7 @@ test('TheArchiveHoldsThePackageAndNothingElse', () => {
   const rooms = ['adapter', 'babylon', 'client', 'core', 'element', 'inline', 'parts', 'publisher', 'react', 'three', 'view'];
   const others = files.filter((name) => !/^dist\/eigencast-\w{8}\.js$/.test(name) && !rooms.some((room) => new RegExp(`^dist/types/${room}(/\\w+\\.d\\.ts)?$`).test(name)));
   assert.deepEqual(others.sort(), [
-    'LICENSE', 'README.md', 'dist', 'dist/babylon.js', 'dist/eigencast-core.wasm', 'dist/eigencast-writer.wasm', 'dist/eigencast.js', 'dist/element.js', 'dist/inline.js',
+    'LICENSE', 'README.md', 'dist', 'dist/babylon.js', 'dist/eigencast-core.wasm', 'dist/eigencast-levels.wasm', 'dist/eigencast-writer.wasm', 'dist/eigencast.js', 'dist/element.js', 'dist/inline.js',
     'dist/parts.js', 'dist/publisher.js', 'dist/react.js', 'dist/three.js', 'dist/types', 'dist/view.js', 'dist/worker.js', 'package.json',
   ]);
   const manifest = JSON.parse(readFileSync(join(installed, 'package.json'), 'utf8'));

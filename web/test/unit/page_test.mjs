@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, figureLines, linkOf, NumberPainter, pageOf, pick, placeOf, roundUp, Sharpness, tableOf, textFromMode, tileWidth } = internals;
+const { bannerOf, Camera, figureLines, linkOf, NumberPainter, pageOf, pick, placeOf, roundUp, tableOf, textFromMode, tileWidth } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -84,16 +84,6 @@ test('TheNearestFaceOrPointIsPicked', () => {
   assert.equal(pick([{ positions, triangles, sceneFromSurface, radius: 0 }], camera, [2, 2]), undefined);
   const point = { positions: new Float32Array([0, 0, 2]), triangles: new Uint32Array(), sceneFromSurface, radius: 0.1 };
   near(pick([point], camera, [202, 200]), [0, 0, 2], 0.1);
-});
-
-test('PixelsFollowLatePictures', () => {
-  const sharpness = new Sharpness();
-  for (let i = 0; i < 100; ++i) sharpness.add(i % 5 === 0 ? 100 : 10, 16);
-  assert.equal(sharpness.value, 1, 'single late ones count nothing');
-  for (let i = 0; i < 40; ++i) sharpness.add(100, 16);
-  assert.equal(sharpness.value, 0.5);
-  for (let i = 0; i < 1000; ++i) sharpness.add(4, 16);
-  assert.equal(sharpness.value, 1);
 });
 
 test('NumbersSpanRoundNumbersAndNeverShrink', () => {

@@ -3,10 +3,10 @@
 // Play-out and levels through their exports: what tests/unit/motion and tests/unit/client assert of the native ones holds here.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { internals, makeCore } from './support.mjs';
+import { internals, levelsWasm, makeCore } from './support.mjs';
 
 const { Levels, Playout } = internals;
-const core = await makeCore();
+const core = await makeCore(), control = await internals.Core.make(levelsWasm);
 
 /** A playout with poses t = 0, 100, ... ms of the value t / 100, each 20 ms later here. */
 function fed(settings, poses) {
@@ -77,7 +77,7 @@ test('SettingsAndPosesOutOfRangeAreRefused', () => {
 });
 
 test('LevelsHoldTheRateAndSpendTheTimeWhereItIsSeen', () => {
-  const levels = new Levels(core, 60);
+  const levels = new Levels(control, 60);
   const objects = [{ distance: 1, pixels: 900, vertexCost: 1, max: 40_000, min: 400, drawn: 0 }, { distance: 9, pixels: 100, vertexCost: 1, max: 40_000, min: 400, drawn: 0 }];
   let resolved = [0, 0], seconds = 0;
   for (let picture = 0; picture < 300; ++picture) {
@@ -90,6 +90,21 @@ test('LevelsHoldTheRateAndSpendTheTimeWhereItIsSeen', () => {
   assert.deepEqual(levels.resolve([], 0n, 0), []);
   assert.throws(() => levels.resolve([{ ...objects[0], min: 50_000 }], 0n, 0), { code: 'invalid-argument' });
   assert.throws(() => levels.resolve([{ ...objects[0], pixels: NaN }], 0n, 0), { code: 'invalid-argument' });
-  assert.throws(() => new Levels(core, 0), { code: 'invalid-argument' });
+  // What costs a picture its time is its pixels: these go, and come back.
+  const pixels = new Levels(control, 60), one = { distance: 2, pixels: 500, vertexCost: 1, max: 20_000, min: 400, drawn: 0 };
+  const play = (count, slow) => {
+    for (let i = 0, level = 20_000; i < count; ++i) {
+      const seconds = slow * (0.02 * pixels.resolution ** 2 + 0.004 * (level / 20_000));
+      [level] = pixels.resolve([{ ...one, drawn: level }], BigInt(1e4 * i), seconds);
+    }
+  };
+  play(300, 0.5);
+  assert.equal(pixels.resolution, 1);
+  play(300, 1.5);
+  assert.ok(pixels.resolution < 0.8, `${pixels.resolution}`);
+  play(3000, 0.3);
+  assert.equal(pixels.resolution, 1);
+  pixels.free();
+  assert.throws(() => new Levels(control, 0), { code: 'invalid-argument' });
   levels.free();
 });

@@ -10,6 +10,7 @@ export const GOLDEN = join(ROOT, 'tests/golden');
 
 export const internals = await import(join(BUILD, "internals.js"));
 export const wasm = new WebAssembly.Module(readFileSync(join(BUILD, 'eigencast-core.wasm')));
+export const levelsWasm = new WebAssembly.Module(readFileSync(join(BUILD, 'eigencast-levels.wasm')));
 export const writerWasm = new WebAssembly.Module(readFileSync(join(BUILD, 'eigencast-writer.wasm')));
 export const makeCore = () => internals.Core.make(wasm);
 
