@@ -35,6 +35,27 @@ void main() {
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
 
+/// Before the loops of kLighting: none where the least and the greatest depth of all their texels say the same.
+inline constexpr const char* kShadowRange = R"(
+  vec2 range = texelFetch(shadow_range, ivec2((texel + 1.0) / 8.0), 0).xy;
+  if (depth <= range.x || depth > range.y) to.y = reach;
+  if (depth <= range.x) sum = pow(reach, 4.0);
+)";
+/// That range: for each square of 8 x 8 texels of the map, with as far around as taps reach.
+inline constexpr const char* kShadowRangeFragment = R"(#version 330 core
+uniform sampler2D shadow_map;
+out vec2 range;
+void main() {
+  ivec2 first = 8 * ivec2(gl_FragCoord.xy) - 4, last = textureSize(shadow_map, 0) - 1;
+  range = vec2(1.0, 0.0);
+  for (int y = 0; y < 15; ++y) {
+    for (int x = 0; x < 15; ++x) {
+      float depth = texelFetch(shadow_map, clamp(first + ivec2(x, y), ivec2(0), last), 0).x;
+      range = vec2(min(range.x, depth), max(range.y, depth));
+    }
+  }
+})";
+
 /// Colours of SurfacePaint::Kind. Numbers are clamped to the range; NaN is grey. Painted surfaces are lit gently, so
 /// that their colours match the legend.
 inline constexpr const char* kPaint = R"(
@@ -62,30 +83,31 @@ vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
   return faded(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)));
 })";
 
-/// For all that receives the shadow: 12 taps on a spiral, rotated per pixel, the outermost first; where four of those
-/// agree the others are skipped. A small map has these four alone, nearer and not rotated. The loop's length is not
-/// constant, so that no compiler unrolls it: software renderers execute all of what is unrolled.
+/// For all that receives the shadow: texels in a tent of `reach` to each side, which moves with the point and not with the
+/// texel, so that edges have no steps. Each tap weighs 2 x 2 of them by where it reads. The loops' lengths are not
+/// constant, so that no compiler unrolls them: software renderers execute all of what is unrolled.
 inline constexpr const char* kLighting = R"(#version 330 core
 uniform sampler2DShadow shadow_map;
 uniform mat4 light_from_scene;
-uniform float shadow_blur;
 uniform int shadow_saving;  // ShadowQuality
-float lit_by_key(vec3 at, float bias) {
+float lit_by_key(vec3 at, float bias, float reach) {
   if (shadow_saving == 2) return 1.0;
+  if (shadow_saving == 1) reach *= 0.5;
   vec4 p = light_from_scene * vec4(at, 1.0);
   vec3 q = 0.5 * p.xyz / p.w + 0.5;
   if (any(lessThan(q.xy, vec2(0.0))) || any(greaterThan(q.xy, vec2(1.0)))) return 1.0;
-  float noise = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
-  float turn = shadow_saving == 1 ? 0.0 : 26.3995952 + 6.2831853 * noise;
-  vec2 to = (shadow_saving == 1 ? 0.5 : 1.0) * shadow_blur * vec2(cos(turn), sin(turn));
-  float sum = 0.0, tap = 11.5, last = 8.0;
-  do {
-    sum += texture(shadow_map, vec3(q.xy + sqrt(tap / 12.0) * to, q.z - bias));
-    to = vec2(-0.7373688 * to.x + 0.6754903 * to.y, -0.6754903 * to.x - 0.7373688 * to.y);
-    if (shadow_saving == 0 && tap == 8.5 && sum > 0.0 && sum < 4.0) last = 0.0;
-    tap -= 1.0;
-  } while (tap > last);
-  return sum / (12.0 - last);
+  float side = float(textureSize(shadow_map, 0).x), sum = 0.0, depth = min(q.z - bias, 1.0);
+  vec2 f = fract(side * q.xy - 0.5), texel = side * q.xy - f, to = vec2(1.0 - reach);
+  while (to.y < reach) {
+    to.x = 1.0 - reach;
+    do {
+      vec2 next = reach - abs(to + 1.0 - f), both = next + reach - abs(to - f);
+      sum += both.x * both.y * texture(shadow_map, vec3((texel + to + next / both) / side, depth));
+      to.x += 2.0;
+    } while (to.x < reach);
+    to.y += 2.0;
+  }
+  return sum / pow(reach, 4.0);
 }
 vec3 shown(vec3 linear) {
   linear = linear * (1.0 + linear / 6.0) / (1.0 + 0.45 * linear);
@@ -141,7 +163,7 @@ void main() {
   // The eye decides, not the winding, so that mixed orientation looks right.
   bool inside = !gl_FrontFacing;
   if (dot(n, eye - at) < 0.0 && inside) n = -n;
-  float shadow = dot(n, key_light) > 0.0 ? lit_by_key(at + normal_offset * n, 0.0008) : 0.0;
+  float shadow = dot(n, key_light) > 0.0 ? lit_by_key(at + normal_offset * n, 0.0008, 2.0) : 0.0;
   colour = finished(at, n, own_paint(), inside, shadow);
 })";
 
@@ -212,7 +234,7 @@ void main() {
   n = normalize(n);
   // Seen from behind, but not at the rim.
   if (dot(n, normalize(eye - scene_centre)) < (discs > 0.0 ? -0.3 : 0.0)) n = -n;
-  float shadow = dot(n, key_light) > 0.0 ? lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002) : 0.0;
+  float shadow = dot(n, key_light) > 0.0 ? lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002, 2.0) : 0.0;
   colour = finished(scene_centre, n, painted, false, shadow);
 })";
 
@@ -241,7 +263,7 @@ float lines(vec2 cell, float width) {
 }
 void main() {
   float fade = 1.0 - smoothstep(0.25, 1.0, length(along));
-  float dark = 0.40 * (1.0 - lit_by_key(at, 0.0015));
+  float dark = 0.40 * (1.0 - lit_by_key(at, 0.0015, 4.0));
   dark += 0.16 * exp(-2.2 * dot(along, along) / (contact_radius * contact_radius));
   float line = grid_strength * (0.55 * lines(along * grid_cells, 1.1 * pixel_scale) +
                                0.45 * lines(along * grid_cells / 5.0, 1.5 * pixel_scale));

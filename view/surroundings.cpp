@@ -17,8 +17,8 @@
 namespace eigencast {
 namespace {
 
-constexpr float kReach = 2.2F;        // of the shadow map, in radii: a deforming surface leaves its rest box
-constexpr float kFloorBlur = 0.012F;  // of the shadow map's side
+constexpr float kReach = 2.2F;  // of the shadow map, in radii: a deforming surface leaves its rest box
+constexpr int kSquare = 8;      // texels of the shadow map in one of its range, along each side
 constexpr glm::vec3 kClay{0.70F, 0.185F, 0.115F};
 constexpr glm::vec3 kClayInside{0.34F, 0.21F, 0.18F};
 
@@ -29,11 +29,21 @@ glm::vec3 light_beside(const Camera& camera, float right, float above, float beh
   return glm::normalize(right * side + above * camera.up_vector() + behind * level);
 }
 
+/// For wide tents. On surfaces, which are narrow in the map, the range of depths rarely decides.
+std::string lighting_by_range() {
+  std::string shader = shaders::kLighting;
+  shader.insert(shader.find("  while (to.y"), shaders::kShadowRange);
+  return shader.insert(shader.find("float lit_by_key"), "uniform sampler2D shadow_range;\n");
+}
+
 }  // namespace
 
 Result<void> Lighting::init() {
-  const auto built = shadow_.build("shadow", {shaders::kShadowVertex, {}, shaders::kShadowFragment});
+  auto built = shadow_.build("shadow", {shaders::kShadowVertex, {}, shaders::kShadowFragment});
+  if (built) built = range_of_.build("shadow's range", {shaders::kScreenVertex, {}, shaders::kShadowRangeFragment});
   if (!built) return built;
+  glBindTexture(GL_TEXTURE_2D, range_.id());
+  set_filter(GL_NEAREST);
   glBindTexture(GL_TEXTURE_2D, shadows_.id());
   set_filter(GL_LINEAR);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
@@ -68,12 +78,17 @@ void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurf
   }
   if (quality == ShadowQuality::kNone) return;
 
-  const int side = quality == ShadowQuality::kFull ? 1024 : 512;
+  const int side = quality == ShadowQuality::kFull ? 512 : 256;
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   if (std::exchange(side_, side) != side) {
-    bind();
+    bind_texture(0, GL_TEXTURE_2D, shadows_.id());
     glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT24, side, side, 0, GL_DEPTH_COMPONENT, GL_FLOAT, nullptr);
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, shadows_.id(), 0);
+    bind_texture(0, GL_TEXTURE_2D, range_.id());
+    glBindFramebuffer(GL_FRAMEBUFFER, range_framebuffer_.id());
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RG32F, side / kSquare, side / kSquare, 0, GL_RG, GL_FLOAT, nullptr);
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, range_.id(), 0);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   }
   glViewport(0, 0, side, side);
   glDepthMask(GL_TRUE);
@@ -92,12 +107,37 @@ void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurf
       surface->draw_front_triangles();
     }
   }
+  find_range();
+}
+
+void Lighting::find_range() {
+  const int squares = side_ / kSquare;
+  glBindFramebuffer(GL_FRAMEBUFFER, range_framebuffer_.id());
+  glViewport(0, 0, squares, squares);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glClearColor(1, 1, 0, 0);
+  glClear(GL_COLOR_BUFFER_BIT);
+  const PixelBox part =
+      casters_ ? casters_->empty() ? PixelBox() : pixels_of(casters_->corners(), light_from_scene_, squares, squares, 2)
+               : PixelBox{0, 0, squares, squares};
+  if (part.empty()) return;
+  glEnable(GL_SCISSOR_TEST);
+  glScissor(part.x, part.y, part.width, part.height);
+  bind_texture(0, GL_TEXTURE_2D, shadows_.id());
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_COMPARE_MODE, GL_NONE);
+  range_of_.use();
+  range_of_.set("shadow_map", 0);
+  glBindVertexArray(none_.id());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
+  glDisable(GL_SCISSOR_TEST);
 }
 
 PixelBox Lighting::shadow_on(const Camera& camera, float level, int width_px, int height_px) const {
   if (quality_ == ShadowQuality::kNone || (casters_ && casters_->empty())) return {};
   const glm::vec3 up = camera.up_vector(), side = glm::vec3(up.y, up.z, up.x), other = glm::cross(up, side);
-  const float fall = glm::dot(key_, up), blur = 2.2F * kFloorBlur * kReach * camera.scene_radius();
+  const float fall = glm::dot(key_, up), blur = 10.0F / 512 * kReach * camera.scene_radius();
   if (!casters_ || fall < 0.05F) return {0, 0, width_px, height_px};
   std::vector<glm::vec3> edge;
   for (const glm::vec3& corner : casters_->corners()) {
@@ -111,8 +151,8 @@ PixelBox Lighting::shadow_on(const Camera& camera, float level, int width_px, in
 void Lighting::light(const GlProgram& program, const Camera& camera) const {
   program.use();
   program.set("shadow_map", 0);
+  program.set("shadow_range", static_cast<int>(kRangeUnit));
   program.set("light_from_scene", light_from_scene_);
-  program.set("shadow_blur", 0.006F);
   program.set("clip_from_scene", camera.clip_from_view() * camera.view_from_scene());
   program.set("eye", camera.position());
   program.set("up", camera.up_vector());
@@ -124,7 +164,7 @@ void Lighting::light(const GlProgram& program, const Camera& camera) const {
 }
 
 Result<void> Surroundings::init() {
-  const std::string ground = std::string(shaders::kLighting) + shaders::kGroundFragment;
+  const std::string ground = lighting_by_range() + shaders::kGroundFragment;
   auto built = wall_.build("wall", {shaders::kScreenVertex, {}, shaders::kBackgroundFragment});
   if (built) built = floor_.init("floor", {shaders::kGroundVertex, {}, ground}, {"shadow_saving"});
   if (built) built = line_.build("axes", {shaders::kMeshVertex, {}, shaders::kLineFragment});
@@ -182,7 +222,6 @@ void Surroundings::use_floor(const Camera& camera, const Lighting& lighting, con
   program.set("grid_strength", floor.grid ? 1.0F : 0.0F);
   program.set("pixel_scale", floor.pixel_scale);
   program.set("contact_radius", floor.shadow ? 0.5F * across / reach : 1e-4F);
-  program.set("shadow_blur", kFloorBlur);
 }
 
 void Surroundings::draw_axes(const Camera& camera, float pixel_scale) const {

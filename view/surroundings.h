@@ -26,14 +26,21 @@ class Lighting final {
   /// Where the shadow falls on a floor at that height, as far as is known.
   PixelBox shadow_on(const Camera& camera, float level, int width_px, int height_px) const;
   ShadowQuality quality() const { return quality_; }  ///< As cast.
-  void bind() const { bind_texture(0, GL_TEXTURE_2D, shadows_.id()); }
+  void bind() const {
+    bind_texture(kRangeUnit, GL_TEXTURE_2D, range_.id());
+    bind_texture(0, GL_TEXTURE_2D, shadows_.id());
+  }
   /// Uses a program of shaders::kLighting.
   void light(const GlProgram& program, const Camera& camera) const;
 
  private:
-  GlProgram shadow_;
-  GlTexture shadows_;
-  GlFramebuffer framebuffer_;
+  static constexpr GLuint kRangeUnit = 5;  // lower ones: shadow map, colour table, images
+  void find_range();
+
+  GlProgram shadow_, range_of_;
+  GlTexture shadows_, range_;
+  GlFramebuffer framebuffer_, range_framebuffer_;
+  GlArray none_;
   int side_ = 0;                   ///< Of the shadow map.
   std::optional<Bounds> casters_;  ///< What casts the shadow lies within; nothing if only the GPU knows.
   ShadowQuality quality_ = ShadowQuality::kFull;

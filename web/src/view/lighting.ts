@@ -5,7 +5,7 @@ import { bindTexture, Program, setFilter, type GL } from './gl.js';
 import type { GlSurface } from './gl_surface.js';
 import { cross, difference, dot, IDENTITY, lookAt, orthographic, product, sum, times, unit, type Mat4, type Vec3 } from './matrix.js';
 
-const SHADOW_SIDE = 1024;
+const SHADOW_SIDE = 512;
 const CLAY: Vec3 = [0.7, 0.185, 0.115], CLAY_INSIDE: Vec3 = [0.34, 0.21, 0.18];
 
 /** Two lights that follow the camera, and the shadow of the first: view/surroundings.h. */
@@ -67,7 +67,7 @@ export class Lighting {
   /** Uses a program of kLighting. */
   light(program: Program, camera: Camera): void {
     program.use().set({
-      shadow_map: 0, light_from_scene: this.#lightFromScene, shadow_blur: 0.006, clip_from_scene: product(camera.clipFromView, camera.viewFromScene),
+      shadow_map: 0, light_from_scene: this.#lightFromScene, clip_from_scene: product(camera.clipFromView, camera.viewFromScene),
       eye: camera.position, up: camera.upVector, key_light: this.#key, fill_light: this.#fill, albedo: CLAY, albedo_inside: CLAY_INSIDE,
       normal_offset: 0.018 * camera.radius,
     });

@@ -49,7 +49,6 @@ export class Surroundings {
     this.#floor.set({
       ground_centre: sum(centre, times(level - dot(centre, up), up)), ground_a: times(reach, a), ground_b: times(reach, b),
       grid_cells: 20, grid_strength: hasGrid ? 1 : 0, pixel_scale: pixelScale, contact_radius: hasShadow ? (0.5 * across) / reach : 1e-4,
-      shadow_blur: 0.012,
     });
     gl.enable(gl.BLEND);
     gl.depthMask(false);
