@@ -83,8 +83,8 @@ vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
   return faded(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)));
 })";
 
-/// For all that receives the shadow: texels in a tent of `reach` to each side, which moves with the point and not with the
-/// texel, so that edges have no steps. Each tap weighs 2 x 2 of them by where it reads. The loops' lengths are not
+/// For all that receives the shadow: texels in a tent of `reach` to each side, which moves with the point and not with
+/// the texel, so that edges have no steps. Each tap weighs 2 x 2 of them by where it reads. The loops' lengths are not
 /// constant, so that no compiler unrolls them: software renderers execute all of what is unrolled.
 inline constexpr const char* kLighting = R"(#version 330 core
 uniform sampler2DShadow shadow_map;
