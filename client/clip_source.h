@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
@@ -64,6 +65,7 @@ class ClipSource final : public PoseSource {
   Subscriber::Stats stats() const override { return stats_; }
   Truth* truth() const override { return truth_.get(); }
   Timeline* timeline() const override { return timeline_.get(); }
+  std::span<const std::vector<double>> motion() const override { return clip_->frames; }
 
  private:
   /// Tells what poll() has returned from what is new.
@@ -104,6 +106,9 @@ class OpeningClip final : public PoseSource {
   Subscriber::Stats stats() const override;
   Truth* truth() const override { return playing_ ? playing_->truth() : nullptr; }
   Timeline* timeline() const override { return playing_ ? playing_->timeline() : nullptr; }
+  std::span<const std::vector<double>> motion() const override {
+    return playing_ ? playing_->motion() : PoseSource::motion();
+  }
 
  private:
   void bake(const std::string& input, const std::string& cache_dir);

@@ -60,7 +60,9 @@ void Camera::set_viewport(int width_px, int height_px) {
 }
 
 void Camera::home() {
-  target_ = 0.5F * (low_ + high_);
+  Bounds framed;
+  for (const glm::vec3& point : framed_) framed.add(point);
+  target_ = framed.empty() ? 0.5F * (low_ + high_) : 0.5F * (framed.low + framed.high);
   azimuth_ = home_azimuth_;
   elevation_ = home_elevation_;
   moved_ = false;

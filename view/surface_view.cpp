@@ -25,6 +25,16 @@ constexpr auto kOutlineDirections = [] {
   return directions;
 }();
 
+/// Takes the points that lie farther along a direction than those of the outline.
+void widen(std::vector<glm::vec3>& outline, std::span<const float> points) {
+  for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
+    const glm::vec3 point(points[i], points[i + 1], points[i + 2]);
+    for (std::size_t k = 0; k < kOutlineDirections.size(); ++k) {
+      if (glm::dot(kOutlineDirections[k], point - outline[k]) > 0) outline[k] = point;
+    }
+  }
+}
+
 /// Leading rows up to the last that is not zero.
 std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t channels) {
   std::size_t used = coefficients.size();
@@ -177,7 +187,7 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   const bool new_level = change_level(*asset, N, now_us);
   if (!new_pose && !new_level) return false;
   if (asset->rows_ready > reconstructor_->tiles().rows()) reconstructor_->update(*asset);
-  update_facts(*asset);
+  update_facts(source);
   level_changed_ |= new_level;
   if (new_level) ++level_version_;
   const bool all = new_pose || has_detail_ != reconstructor_->has_detail();
@@ -238,7 +248,22 @@ glm::vec3 SurfaceView::barycentre() const {
   return glm::vec3(sum);
 }
 
-void SurfaceView::update_facts(const Asset& asset) {
+void SurfaceView::include_motion(const PoseSource& source) {
+  constexpr std::size_t kMaxPoses = 24, kMaxPoints = 2000;
+  const std::span<const std::vector<double>> poses = source.motion();
+  const Asset& asset = *source.asset();
+  std::vector<float> points(3 * std::min<std::size_t>(asset.rows_ready, kMaxPoints));
+  const std::size_t count = std::min(poses.size(), kMaxPoses);
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::vector<double>& pose = poses[i * poses.size() / count];
+    reconstructor_->rebuild(pose, static_cast<std::uint32_t>(pose.size() / asset.rank), asset.rank,
+                            static_cast<std::uint32_t>(points.size() / 3), points);
+    widen(facts_.outline, points);
+  }
+}
+
+void SurfaceView::update_facts(const PoseSource& source) {
+  const Asset& asset = *source.asset();
   if (facts_rows_ == asset.rows_ready) return;
   facts_rows_ = asset.rows_ready;
   // The rest pose as rebuilt here: exact in every basis and for every part that has arrived.
@@ -250,10 +275,9 @@ void SurfaceView::update_facts(const Asset& asset) {
     const glm::vec3 point(rest[i], rest[i + 1], rest[i + 2]);
     facts_.low = glm::min(facts_.low, point);
     facts_.high = glm::max(facts_.high, point);
-    for (std::size_t k = 0; k < kOutlineDirections.size(); ++k) {
-      if (glm::dot(kOutlineDirections[k], point - facts_.outline[k]) > 0) facts_.outline[k] = point;
-    }
   }
+  widen(facts_.outline, rest);
+  include_motion(source);
   geometry_.creases.clear();
   geometry_.is_solid = false;
   if (asset.complete() && asset.faces.size() <= kMaxCreasedFaces)

@@ -73,7 +73,7 @@ class BandFade {
 /// Facts of the surface at rest.
 struct SurfaceFacts {
   glm::vec3 low{0}, high{0};
-  std::vector<glm::vec3> outline;  ///< The points that lie farthest along some directions.
+  std::vector<glm::vec3> outline;  ///< The points that lie farthest along some directions, in known motion, too.
   Asset::UpAxis up_axis = Asset::UpAxis::kY;
   std::uint64_t version = 0;  ///< Grows when the facts change.
 };
@@ -153,7 +153,8 @@ class SurfaceView {
   bool choose_pose(const PoseSource& source, TimeUs now_us);
   bool change_level(const Asset& asset, std::uint32_t N, TimeUs now_us);
   MorphPace pace(const Asset& asset, std::uint32_t N) const;
-  void update_facts(const Asset& asset);
+  void update_facts(const PoseSource& source);
+  void include_motion(const PoseSource& source);
 
   Playout playout_;
   PlayoutSettings wanted_playout_;

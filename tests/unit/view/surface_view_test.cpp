@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "view/surface_view.h"
+#include "view/camera.h"
 
 #include <gtest/gtest.h>
 
@@ -369,6 +370,26 @@ TEST(SurfaceViewPoints, ACloudHasSpacingAndNoNormals) {
   EXPECT_TRUE(scene.geometry().is_point_cloud);
   EXPECT_TRUE(scene.geometry().normals.empty());
   EXPECT_NEAR(scene.geometry().point_spacing, std::sqrt(12.566F / 642), 1e-3);
+}
+
+TEST(SurfaceView, OutlineHoldsMotionThatIsKnown) {
+  struct MovingSource final : FakeSource {
+    explicit MovingSource(Asset asset) : FakeSource(std::move(asset)) {
+      for (const double shift : {0.0, 3.0, 1.0})
+        poses.push_back(testing::sphere_pose(asset_, 1, 1, 1, shift).coefficients.edit());
+    }
+    std::span<const std::vector<double>> motion() const override { return poses; }
+    std::vector<std::vector<double>> poses;
+  };
+  MovingSource source(sphere_asset(2));
+  SurfaceView view;
+  view.receive(source, {});
+  ASSERT_TRUE(testing::advance(view, source, 0));
+  Bounds outline;
+  for (const glm::vec3& point : view.facts().outline) outline.add(point);
+  EXPECT_NEAR(outline.low.x, -1, 0.05);
+  EXPECT_NEAR(outline.high.x, 4, 0.05);
+  EXPECT_NEAR(view.facts().high.x, 1, 0.05) << "the box is of the surface at rest";
 }
 
 }  // namespace
