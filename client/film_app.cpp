@@ -112,9 +112,8 @@ class Film {
     while (!all([](const StreamCapture& each) { return each.has_surface() && !each.is_empty(); })) {
       if (const auto taken = take(); !taken) return taken;
       if (patience.is_over(sources, false, steady_now_us()))
-        return fail(ErrorCode::kTimeout, "no pose came from " + options_.scene.streams[captured_.front()] +
-                                             " in time (" + sources.front()->stats().detail +
-                                             "); is a sender running? --wait gives it longer");
+        return fail(ErrorCode::kTimeout,
+                    patience.fate_of(options_.scene.streams[captured_.front()], sources.front()->stats().detail));
     }
     for (StreamCapture& each : captures) each.begin();
     const auto wanted_us = static_cast<TimeUs>(1e6 * wanted_seconds());

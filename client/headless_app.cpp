@@ -145,9 +145,8 @@ class Headless {
   int report_no_stream() {
     const Session::Status status = session_->status();
     log(log_, LogLevel::kError,
-        "no pose came from " + (options_.scene.streams.empty() ? "the source" : options_.scene.streams.front()) +
-            " in time (" + status.line + (status.banner.empty() ? "" : ": " + status.banner) +
-            "); is a sender running? --wait gives it longer");
+        patience_.fate_of(options_.scene.streams.empty() ? "the source" : options_.scene.streams.front(),
+                          status.line + (status.banner.empty() ? "" : ": " + status.banner)));
     return kExitNoStream;
   }
 

@@ -2,8 +2,11 @@
 #include "client/options.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -175,10 +178,12 @@ Result<void> find_listed(const RawOptions& raw, ClientOptions& options) {
   if (words.size() > 2) return fail(ErrorCode::kInvalidArgument, "list: name one broker, such as http://host:7490");
   options.list = true;
   std::string home, url;
-  if (words.size() == 2) {
-    const auto broker = parse_broker_url(words[1]);
+  const char* const usual = std::getenv("EIGENCAST_URL");  // which says streams where none are named
+  const std::string named = words.size() == 2 ? words[1] : usual != nullptr && raw.context.empty() ? usual : "";
+  if (!named.empty()) {
+    const auto broker = parse_broker_url(named);
     if (!broker) return broker.error();
-    url = words[1].find("://") != std::string::npos ? words[1] : broker->origin() + "/" + broker->stream;
+    url = named.find("://") != std::string::npos ? named : broker->origin() + "/" + broker->stream;
   }
   return store(options.home, resolve(url, raw, home));
 }
@@ -193,9 +198,15 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   } else if (const auto read = read_words(scene); !read) {
     return read;
   }
-  std::string home;
+  std::string home, broker;
+  if (scene.streams.size() == 1 && scene.streams.front().find("://") != std::string::npos) {
+    // A broker without a stream.
+    const auto url = parse_broker_url(scene.streams.front());
+    if (!clip_in(scene.streams.front()) && url && url->stream.empty()) broker = scene.streams.front();
+    if (!broker.empty()) scene.streams.clear();
+  }
   if (scene.streams.empty()) {
-    if (const auto found = store(options.home, resolve("", raw, home)); !found) return found;
+    if (const auto found = store(options.home, resolve(broker, raw, home)); !found) return found;
     const auto url = parse_broker_url(options.home.url);
     if (!url || url->stream.empty()) return {};
     scene.streams = {options.home.url};
@@ -263,6 +274,8 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--rate", "--scheme", "--k", "--bands", "--ca", "--cert", "--key", "--insecure", "--memory"},
        files_only,
        kOfBrokers},
+      {{"--context"}, files_only && std::getenv("EIGENCAST_CONTEXT") == nullptr, kOfBrokers},
+      {{"--token"}, files_only && std::getenv("EIGENCAST_TOKEN") == nullptr, kOfBrokers},
       {{"--smooth", "--delay", "--ahead"},
        raw.playout == "latest",
        "is for --playout interpolate or estimate; latest holds nothing back"},
@@ -284,6 +297,38 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
 ExitNow usage(const std::string& message) {
   std::fprintf(stderr, "eigencast-client: %s\nTry eigencast-client --help\n", message.c_str());
   return {kExitUsage};
+}
+
+/// What the words in the streams' place do.
+struct Word {
+  std::string_view name, usage, does, examples;
+};
+constexpr std::array<Word, 3> kWords{
+    {{"list", "list [URL] [--context NAME] [--token TEXT] [--ca FILE] [--cert FILE --key FILE] [--insecure]",
+      "Lists the streams of a broker: that of the URL, of the context, of $EIGENCAST_URL, or this machine's.",
+      "eigencast-client list                           # of this machine's broker\n"
+      "eigencast-client list http://host:7490\n"
+      "eigencast-client list https://host --token @FILE\n"},
+     {"view", "view FILES... [OPTIONS]",
+      "Shows files, folders, globs and built-in shapes (heart, bar, torus, sphere), without a broker. It takes all "
+      "options of eigencast-client --help but those of connections.",
+      "eigencast-client view heart\n"
+      "eigencast-client view 'frames/*.obj' --watch    # read again when they change\n"
+      "eigencast-client view heart --film heart.mp4\n"},
+     {"completion", "completion SHELL", "Writes the script that completes options in your shell: bash or zsh.",
+      "source <(eigencast-client completion bash)\n"}}};
+
+/// "WORD --help".
+std::optional<ExitNow> write_help_of_word(std::span<const char* const> words) {
+  const auto asks = [](std::string_view word) { return word == "-h" || word == "--help"; };
+  if (words.size() < 2 || std::none_of(words.begin() + 1, words.end(), asks)) return std::nullopt;
+  const auto* const word =
+      std::find_if(kWords.begin(), kWords.end(), [&](const Word& w) { return w.name == words[0]; });
+  if (word == kWords.end()) return std::nullopt;
+  const std::string text = std::string(word->does) + "\nUsage: eigencast-client " + std::string(word->usage) +
+                           "\n\nexamples:\n" + std::string(word->examples) + "\nexit status:\n" + kExitStatus;
+  std::fputs(text.c_str(), stdout);
+  return ExitNow{kExitGood};
 }
 
 /// "completion SHELL" in the streams' place.
@@ -482,6 +527,10 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
 }  // namespace
 
 std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv) {
+  if (argc > 1) {
+    const std::span<const char* const> words(argv + 1, static_cast<std::size_t>(argc) - 1);
+    if (const auto helped = write_help_of_word(words)) return *helped;
+  }
   ClientOptions options;
   RawOptions raw;
   options.cache_dir = default_cache_dir();

@@ -25,8 +25,13 @@ bool Patience::is_over(std::span<PoseSource* const> sources, bool has_poses, Tim
     refused = refused && stats.state == Subscriber::State::kRefused;
   }
   if (std::exchange(bytes_, bytes) != bytes || news_us_ == 0) news_us_ = now_us;
-  if (refused && asked_ < kMaxAsked && (++asked_, is_final_no())) return true;
+  if (refused && asked_ < kMaxAsked && (++asked_, is_final_no())) return is_refused_ = true;
   return static_cast<double>(now_us - news_us_) / 1e6 >= options_.wait_s;
+}
+
+std::string Patience::fate_of(const std::string& stream, const std::string& detail) const {
+  if (is_refused_) return "no pose comes from " + stream + ": " + detail;
+  return "no pose came from " + stream + " in time (" + detail + "); is a sender running? --wait gives it longer";
 }
 
 /// Whether every broker says no in a way that only people can change: token, right, certificate.

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 
 #include "client/options.h"
 #include "view/pose_source.h"
@@ -18,6 +19,8 @@ class Patience {
   /// sources: one for each of options.scene.streams. Asks a broker that refuses for its reason, which takes up to 3 s,
   /// three times at most.
   bool is_over(std::span<PoseSource* const> sources, bool has_poses, TimeUs now_us);
+  /// What happened to the stream, once it is over. detail: what its source says.
+  std::string fate_of(const std::string& stream, const std::string& detail) const;
 
  private:
   bool is_final_no() const;
@@ -26,6 +29,7 @@ class Patience {
   std::uint64_t bytes_ = 0;  ///< Of surfaces, so far.
   TimeUs news_us_ = 0;       ///< When the last of them came.
   int asked_ = 0;            ///< Whether a refusal is final: so often.
+  bool is_refused_ = false;  ///< For good.
 };
 
 }  // namespace eigencast

@@ -5,6 +5,7 @@
 
 #include <cstdlib>
 #include <fstream>
+#include <set>
 
 #include "client/clip_source.h"
 #include "common/net/url.h"
@@ -154,10 +155,37 @@ TEST(Options, ListNamesABroker) {
   EXPECT_EQ(home({"list", "host:81/a"}), "ws://host:81 ");
   for (const auto& wrong : std::vector<std::vector<const char*>>{{"list", "a", "b"}, {"list", "--headless"}})
     EXPECT_EQ(std::get<ExitNow>(parsed(wrong)).code, kExitUsage);
+  ::setenv("EIGENCAST_URL", "http://host:82/", 1);
+  EXPECT_EQ(home({"list"}), "ws://host:82 ");
+  EXPECT_EQ(home({"list", "host:81"}), "ws://host:81 ");
+  const auto nothing_named = std::get<ClientOptions>(parsed({}));
+  ::unsetenv("EIGENCAST_URL");
+  EXPECT_TRUE(nothing_named.scene.streams.empty()) << "the one live stream there";
+  EXPECT_EQ(parse_broker_url(nothing_named.home.url)->origin(), "ws://host:82");
+}
+
+TEST(Options, ABrokerStandsForItsOnlyStream) {
+  const auto options = std::get<ClientOptions>(parsed({"http://host:7490", "--token", "t"}));
+  EXPECT_TRUE(options.scene.streams.empty());
+  EXPECT_EQ(parse_broker_url(options.home.url)->origin(), "ws://host:7490");
+  EXPECT_EQ(options.home.credentials.token, "t");
+}
+
+TEST(Options, WordsHaveHelpOfTheirOwn) {
+  std::set<std::string> texts;
+  for (const char* word : {"list", "view", "completion"}) {
+    ::testing::internal::CaptureStdout();
+    EXPECT_EQ(std::get<ExitNow>(parsed({word, "--help"})).code, kExitGood);
+    const std::string text = ::testing::internal::GetCapturedStdout();
+    EXPECT_NE(text.find("eigencast-client " + std::string(word)), std::string::npos);
+    texts.insert(text);
+  }
+  EXPECT_EQ(texts.size(), 3u);
 }
 
 TEST(Options, OptionsThatWouldDoNothingAreRefused) {
   const std::vector<std::vector<const char*>> useless{{"--hud"},
+                                                      {"view", "heart", "--token", "t"},
                                                       {"--wait", "3"},
                                                       {"--first"},
                                                       {"--headless", "--first"},

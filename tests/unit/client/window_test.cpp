@@ -216,6 +216,27 @@ TEST_F(TheWindow, TurntableTurns) {
   EXPECT_GT(testing::mean_difference(first, second), 0.2) << "the floor's grid turns with the scene";
 }
 
+TEST_F(TheWindow, CameraPathsMoveTheView) {
+  options_.settings = "";
+  options_.camera_path = folder_.file("flight.json");
+  std::ofstream(options_.camera_path) << R"({"keys": [{"t": 0, "eye": [0, 0, 5], "target": [0, 0, 0]},
+                                                      {"t": 8, "eye": [5, 0, 0], "target": [0, 0, 0]}]})";
+  const auto start = std::filesystem::current_path();
+  std::filesystem::current_path(folder_.path());
+  Picture first, second;
+  EXPECT_EQ(run([&] {
+              EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+              EXPECT_TRUE(until([&] { return opened().size() == 1; }));
+              first = screenshot("f", "eigencast_0001.png");
+              second = screenshot("f", "eigencast_0002.png");
+            }),
+            kExitGood);
+  std::filesystem::current_path(start);
+  ASSERT_EQ(first.rgb.size(), 3u * 640 * 480);
+  ASSERT_EQ(second.rgb.size(), first.rgb.size());
+  EXPECT_GT(testing::mean_difference(first, second), 0.2);
+}
+
 /// Plays a clip and says which of its frames it gave last.
 class ObservedClip final : public PoseSource {
  public:
