@@ -70,6 +70,8 @@ set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS OFF)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "libeigencast0 (>= ${PROJECT_VERSION}), python3, python3-numpy")
+# What draws pictures, and what shows them in notebooks.
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS "eigencast-tools, jupyter-notebook")
 # Compiled modules beside the sources come with the package and go with it, whoever imports them.
 eigencast_package_scripts(python3-eigencast PYTHON postinst prerm)
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "publish and watch deforming 3D surfaces from Python

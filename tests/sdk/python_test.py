@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The Python package against a real broker: what is published arrives, with its scalars and velocities; misuse raises.
 
-Usage: python_test.py BROKER LIBRARY PACKAGE_FOLDER. Exits with 77 where numpy is missing.
+Usage: python_test.py BROKER LIBRARY PACKAGE_FOLDER CLIENT. Exits with 77 where numpy is missing.
 """
 import gc
 import os
@@ -19,7 +19,7 @@ except ImportError:
     print("SKIPPED: numpy is not installed for this interpreter")
     sys.exit(77)
 
-BROKER, os.environ["EIGENCAST_LIBRARY"], PACKAGE = sys.argv[1:4]
+BROKER, os.environ["EIGENCAST_LIBRARY"], PACKAGE, os.environ["EIGENCAST_CLIENT"] = sys.argv[1:5]
 sys.dont_write_bytecode = True
 sys.path.insert(0, PACKAGE)
 import eigencast  # noqa: E402
@@ -310,6 +310,34 @@ stream.send(points + 5)
             self.assertFalse(pose.points.flags.owndata)
             self.assertLess(numpy.abs(pose.in_source_order() - self.positions).max(), 0.02)
             pose = None
+
+    def test_a_picture_is_of_the_present_pose(self):
+        url = self.origin + "/drawn"
+        with eigencast.Stream(url, rank=40, cache_dir="") as stream:
+            stream.send(self.positions, self.faces)
+            self.assertTrue(stream.wait_live())
+            self.watched(url, lambda: None, lambda pose: True)
+            png = eigencast.picture(url, (320, 200))
+            self.assertEqual((png[:8], png[16:24]), (b"\x89PNG\r\n\x1a\n", (320).to_bytes(4, "big") + (200).to_bytes(4, "big")))
+            self.assertNotEqual(eigencast.picture(url, (320, 200), view="top"), png)
+            bent = self.positions.copy()
+            bent[:, 2] += self.positions[:, 0] ** 2
+            stream.send(bent)
+            self.watched(url, lambda: None, lambda pose: numpy.abs(pose.positions[:, 2]).max() > 0.5)
+            self.assertNotEqual(eigencast.picture(url, (320, 200)), png)
+
+    def test_a_picture_that_cannot_be_drawn_says_why(self):
+        self.assert_refused("NOT_FOUND", eigencast.picture, self.origin + "/nobody", timeout=0.1)
+        self.assert_refused("INVALID_ARGUMENT", eigencast.picture, self.origin + "/nobody", size=(0, 10))
+        self.assert_refused("INVALID_ARGUMENT", eigencast.picture, self.origin + "/nobody", view="inside")
+        self.assert_refused("INVALID_ARGUMENT", eigencast.picture, "--version")
+        client = os.environ.pop("EIGENCAST_CLIENT")
+        path, os.environ["PATH"] = os.environ["PATH"], ""
+        try:
+            with self.assertRaisesRegex(eigencast.Error, "eigencast-tools"):
+                eigencast.picture(self.origin + "/nobody")
+        finally:
+            os.environ["EIGENCAST_CLIENT"], os.environ["PATH"] = client, path
 
     def test_progress_is_told_and_can_end_the_bake(self):
         reports = []

@@ -11,14 +11,17 @@
     with eigencast.Subscriber("http://broker:7490/demo") as subscriber:
         pose = subscriber.next(timeout=1.0)               # a Pose, or None if none came
 
+    png = eigencast.picture("http://broker:7490/demo")    # of now; eigencast.show(url): in a notebook
+
 Errors are raised as Error; what becomes of a pose that is sent is a value (Sent). An object is used from one thread at a time;
 different ones are independent. Arrays of a Pose are copies, which stay, but for those of watch().
 """
 from . import mesh
 from ._library import Error, Status, library_path, now_us, version
 from ._stream import Stream, StreamStats, Taken
+from ._picture import Shown, picture, show
 from ._objects import Asset, Pose, Publisher, PublisherStats, Scalar, Sent, Subscriber, SubscriberStats, bake, load, watch
 
-__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Status", "Stream", "StreamStats", "Subscriber", "SubscriberStats", "Taken", "bake",
-           "library_path", "load", "mesh", "now_us", "version", "watch"]
+__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Shown", "Status", "Stream", "StreamStats", "Subscriber", "SubscriberStats", "Taken", "bake",
+           "library_path", "load", "mesh", "now_us", "picture", "show", "version", "watch"]
 __version__ = version()
