@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Builds the Debian packages of this tree, and its package for npm, into a folder (default: out/packages); installs what
-# the build needs first.
+# Builds the Debian packages of this tree, its package for npm and its add-on for Blender into a folder (default:
+# out/packages); installs what the build needs first.
 #   deploy/packages.sh [FOLDER]
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -15,10 +15,12 @@ mkdir -p "$out"
 rm -f "$out"/*.deb "$out"/eigencast-*.tgz
 (cd build/packages && cpack -G DEB >/dev/null)
 mv build/packages/*.deb "$out"/
+# Finds the library of libeigencast0.
+python3 tools/blender/pack.py "$out"/eigencast-blender.zip
 # Its types are those of web/examples/node_modules.
 if [ -f build/packages/web/eigencast-core.wasm ] && [ -d web/examples/node_modules/three ]; then
   node web/pack.mjs build/packages/web "$out" >/dev/null
 else
   echo "packages: without eigencast-VERSION.tgz, which takes clang for WebAssembly and the modules of npm" >&2
 fi
-find "$out" -name "*.deb" -o -name "eigencast-*.tgz" | sort
+find "$out" -name "*.deb" -o -name "eigencast-*.tgz" -o -name "eigencast-*.zip" | sort

@@ -1,201 +1,163 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The Blender add-on outside Blender: a stub of the parts of its API that the add-on uses, and a program in place of
-eigencast-sender that keeps what it is given. What a stub cannot show: that Blender itself behaves as the stub does.
-Usage: blender_test.py ADDON.py
+"""The add-on in the real Blender, installed from its zip: what it sends a viewer receives, in order; what it skips it says.
+
+Usage: blender_test.py BROKER LIBRARY SOURCE_FOLDER [-v] [CASE]. Without Blender it fails: deploy/install-packages.sh full installs it.
 """
-import importlib.util
+import json
+import os
 import pathlib
-import struct
+import shutil
+import subprocess
 import sys
 import tempfile
+import threading
 import time
-import types
 import unittest
 
-try:
-    import numpy
-except ImportError:
-    print("SKIPPED: needs numpy, which Blender brings along")
-    sys.exit(77)
+import numpy
 
-FAKE_SENDER = """#!/usr/bin/env python3
-import pathlib, shutil, sys, time
-folder = pathlib.Path(__file__).parent
-run = len(list(folder.glob("arguments-*")))
-arguments = sys.argv[1:]
-shutil.copy(arguments[arguments.index("--mesh") + 1], folder / f"mesh-{run}")
-(folder / f"arguments-{run}").write_text("\\n".join(arguments))
-if (folder / "stall").exists():
-    time.sleep(60)
-with open(folder / f"poses-{run}", "wb", buffering=0) as out:
-    while True:
-        data = sys.stdin.buffer.read1(65536)
-        if not data:
-            break
-        out.write(data)
-"""
+BROKER, os.environ["EIGENCAST_LIBRARY"], ROOT = sys.argv[1], sys.argv[2], pathlib.Path(sys.argv[3])
+sys.dont_write_bytecode = True
+sys.path[:0] = [str(ROOT / "sdk/python"), str(ROOT / "tests/support")]
+import cases  # noqa: E402
+import eigencast  # noqa: E402
+
+HERE = pathlib.Path(__file__).resolve().parent
 
 
-def make_bpy():
-    """As much of Blender as the add-on touches."""
-    bpy = types.ModuleType("bpy")
-    bpy.types = types.SimpleNamespace(Operator=type("Operator", (), {}), Panel=type("Panel", (), {}),
-                                      PropertyGroup=type("PropertyGroup", (), {}), Scene=type("Scene", (), {}))
-    bpy.props = types.SimpleNamespace(StringProperty=lambda **given: given, PointerProperty=lambda **given: given)
-    bpy.registered = []
-    bpy.utils = types.SimpleNamespace(register_class=bpy.registered.append, unregister_class=bpy.registered.remove)
-    bpy.app = types.SimpleNamespace(handlers=types.SimpleNamespace(frame_change_post=[], depsgraph_update_post=[]))
-    bpy.context = types.SimpleNamespace(evaluated_depsgraph_get=lambda: "depsgraph")
-    return bpy
+class Viewer(threading.Thread):
+    """Keeps every pose of a stream, and tells Blender how many have come: FOLDER/arrived, (poses, vertices of the last)."""
 
+    def __init__(self, url, folder):
+        super().__init__()
+        self.poses, self.arrived, self.ended = [], numpy.memmap(folder / "arrived", numpy.uint64, "w+", shape=2), False
+        self.url = url
 
-class Collection(list):
-    """Something with foreach_get, as Blender's collections have it."""
-
-    def foreach_get(self, name, into):
-        into[:] = numpy.array([getattr(each, name) for each in self]).reshape(-1)
-
-
-class FakeObject:
-    """An object whose mesh is a tetrahedron (or more vertices), `height` high."""
-    type = "MESH"
-    name = "Tetra"
-
-    def __init__(self):
-        self.height, self.extra, self.live_meshes = 1.0, 0, 0
-        self.matrix_world = [[2, 0, 0, 10], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]
-
-    def evaluated_get(self, depsgraph):
-        assert depsgraph == "depsgraph"
-        return self
-
-    def to_mesh(self):
-        self.live_meshes += 1
-        points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, self.height)] + [(5, 5, 5)] * self.extra
-        mesh = types.SimpleNamespace(vertices=Collection(types.SimpleNamespace(co=p) for p in points), loop_triangles=Collection())
-        faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-        mesh.calc_loop_triangles = lambda: mesh.loop_triangles.extend(types.SimpleNamespace(vertices=f) for f in faces)
-        return mesh
-
-    def to_mesh_clear(self):
-        self.live_meshes -= 1
-
-
-def expected(height, extra=0):
-    """World space (twice as large, 10 to the right), then y up."""
-    points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)] + [(5, 5, 5)] * extra
-    return [(2 * x + 10, 2 * z, -2 * y) for x, y, z in points]
+    def run(self):
+        with eigencast.Subscriber(self.url + "?rate=raw", cache_dir="") as subscriber:
+            while not self.ended:
+                pose = subscriber.next(timeout=0.05)
+                if pose is None:
+                    continue
+                if self.poses and pose.capture_us == self.poses[-1].capture_us:
+                    self.poses[-1] = pose  # The same, in more detail.
+                else:
+                    self.poses.append(pose)
+                self.arrived[:] = len(self.poses), len(pose.positions)
 
 
 class AddOn(unittest.TestCase):
-    def setUp(self):
-        self.folder_keeper = tempfile.TemporaryDirectory()
-        self.folder = pathlib.Path(self.folder_keeper.name)
-        self.program = self.folder / "fake-sender"
-        self.program.write_text(FAKE_SENDER)
-        self.program.chmod(0o755)
-        self.bpy = sys.modules["bpy"] = make_bpy()
-        spec = importlib.util.spec_from_file_location("addon", ADDON)
-        self.addon = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(self.addon)
-        self.addon.register()
-        self.object = FakeObject()
-        self.scene = types.SimpleNamespace(objects={"Tetra": self.object},
-                                           eigencast=types.SimpleNamespace(program=str(self.program), url="ws://here/live"))
-        self.context = types.SimpleNamespace(scene=self.scene, active_object=self.object, evaluated_depsgraph_get=lambda: "depsgraph")
-        self.reports = []
-
-    def tearDown(self):
-        self.addon.session.stop()
-        self.folder_keeper.cleanup()
-
-    def operate(self, operator):
-        made = operator()
-        made.report = lambda kind, text: self.reports.append(text)
-        return made.execute(self.context)
-
-    def change(self):
-        for handler in self.bpy.app.handlers.frame_change_post:
-            handler(self.scene, "depsgraph")
-
-    def eventually(self, condition):
+    @classmethod
+    def setUpClass(cls):
+        if not shutil.which("blender"):
+            raise AssertionError("Blender is not installed: deploy/install-packages.sh full")
+        cls.folder_keeper = tempfile.TemporaryDirectory()
+        cls.folder = pathlib.Path(cls.folder_keeper.name)
+        cls.zip = cls.folder / "eigencast-blender.zip"
+        subprocess.run([sys.executable, ROOT / "tools/blender/pack.py", cls.zip], check=True)
+        port = cls.folder / "port"
+        cls.broker = subprocess.Popen([BROKER, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
+                                       cls.folder / "assets"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         end = time.monotonic() + 60
-        while not condition():
-            self.assertLess(time.monotonic(), end, "it did not happen")
-            time.sleep(0.01)
+        while not port.exists() or not port.read_text().endswith("\n"):
+            if time.monotonic() > end:
+                raise RuntimeError("the broker did not start")
+            time.sleep(0.02)
+        cls.origin = "http://127.0.0.1:" + port.read_text().split()[0]
 
-    def poses(self, run, vertices):
-        """The (time, positions) that run number `run` has received whole."""
-        path = self.folder / f"poses-{run}"
-        data = path.read_bytes() if path.exists() else b""
-        if len(data) < 16:
-            return []
-        self.assertEqual(data[:16], b"ECPOSES1" + struct.pack("<II", 1, vertices))
-        size = 8 + 12 * vertices
-        found = []
-        for at in range(16, len(data) - size + 1, size):
-            values = struct.unpack(f"<d{3 * vertices}f", data[at:at + size])
-            found.append((values[0], [values[1 + 3 * i:4 + 3 * i] for i in range(vertices)]))
-        return found
+    @classmethod
+    def tearDownClass(cls):
+        cls.broker.terminate()
+        cls.broker.wait()
+        cls.folder_keeper.cleanup()
 
-    def test_streams_evaluated_poses_in_order(self):
-        self.assertEqual(self.operate(self.addon.EIGENCAST_OT_start), {"FINISHED"})
-        self.eventually(lambda: len(self.poses(0, 4)) == 1)
-        for count, height in enumerate([2.0, 3.0, 4.0], 2):
-            self.object.height = height
-            self.change()
-            self.eventually(lambda: len(self.poses(0, 4)) == count)
-        received = self.poses(0, 4)
-        self.assertEqual([p for _, p in received], [expected(h) for h in (1.0, 2.0, 3.0, 4.0)])
-        self.assertEqual([t for t, _ in received], sorted({t for t, _ in received}))
-        arguments = (self.folder / "arguments-0").read_text().split("\n")
-        self.assertIn("pipe", arguments)
-        self.assertEqual(arguments[arguments.index("--to") + 1], "ws://here/live")
-        lines = (self.folder / "mesh-0").read_text().split("\n")
-        rest = [tuple(map(float, line.split()[1:])) for line in lines if line.startswith("v ")]
-        self.assertEqual(rest, expected(1.0))
-        self.assertEqual([line for line in lines if line.startswith("f ")], ["f 1 3 2", "f 1 2 4", "f 1 4 3", "f 2 3 4"])
-        self.assertEqual(self.object.live_meshes, 0, "every mesh that was made was cleared")
+    def run_in_blender(self, scenario, before=("blender", "-b")):
+        """What it says, and the poses that a viewer of `moves` received."""
+        name = scenario.replace(":", "-")
+        folder, origin = self.folder / name, f"{self.origin}/{name}"
+        folder.mkdir()
+        viewer = Viewer(f"{origin}/moves", folder)
+        viewer.start()
+        try:
+            done = subprocess.run([*before, "--factory-startup", "--python-exit-code", "3", "--python", HERE / "in_blender.py", "--", self.zip, scenario,
+                                   origin, folder], env={**os.environ, "HOME": str(folder), "EIGENCAST_CACHE": str(self.folder / "bakes"),
+                                                         "LIBGL_ALWAYS_SOFTWARE": "1"},
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300)
+        finally:
+            viewer.ended = True
+            viewer.join()
+        self.assertEqual(done.returncode, 0, done.stdout[-4000:])
+        self.assertTrue((folder / "result.json").exists(), done.stdout[-4000:])
+        self.assertNotIn("Traceback", done.stdout)
+        result = json.loads((folder / "result.json").read_text())
+        self.assertNotIn("arning", result["said"])
+        sent = folder / "moves.npy"
+        return result, numpy.load(sent) if sent.exists() else None, viewer.poses
 
-    def test_another_topology_starts_another_surface(self):
-        self.operate(self.addon.EIGENCAST_OT_start)
-        self.eventually(lambda: len(self.poses(0, 4)) == 1)
-        self.object.extra = 2
-        self.change()
-        self.eventually(lambda: len(self.poses(1, 6)) == 1)
-        self.assertEqual(self.poses(1, 6)[0][1], expected(1.0, 2))
+    def assert_all_came(self, result, sent, came, error=0.002):
+        """Each one that was sent, in order, and nothing else."""
+        self.assertEqual((result["early"], result["superseded"], result["dropped"]), (0, 0, 0), result)
+        self.assertEqual((result["taken"], result["sent"], len(came)), (len(sent),) * 3, result)
+        diagonal = numpy.linalg.norm(numpy.ptp(sent[0], axis=0))
+        off = [numpy.sqrt(((pose.in_source_order() - points) ** 2).sum(axis=1).mean()) / diagonal for pose, points in zip(came, sent)]
+        moved = numpy.linalg.norm(sent[-1] - sent[0], axis=1).max() / diagonal
+        self.assertLess(max(off), error)
+        self.assertGreater(moved, 0.1)
+        self.assertEqual([pose.capture_us for pose in came], sorted({pose.capture_us for pose in came}))
+        print(f"  {len(sent)} sent, {len(came)} received; largest rms error {max(off):.1e}, movement {moved:.2f} of the diagonal")
 
-    def test_blender_never_waits_for_a_stuck_sender(self):
-        (self.folder / "stall").touch()
-        self.object.extra = 50_000
-        self.operate(self.addon.EIGENCAST_OT_start)
-        for _ in range(5):
-            self.change()
-        stream = self.addon.session.stream
-        self.assertGreaterEqual(stream.replaced, 3, "the newest pose replaces the one that waits")
-        self.addon.session.stop()
-        self.assertFalse(stream.is_running())
+    def test_every_pose_of_every_kind_of_movement_arrives(self):
+        for kind in ("shape_key", "soft_body", "cloth", "armature", "geometry_nodes", "text"):
+            with self.subTest(kind=kind):
+                self.assert_all_came(*self.run_in_blender(f"moves:{kind}"))
 
-    def test_a_missing_program_is_reported_and_nothing_runs(self):
-        self.scene.eigencast.program = "no-such-program"
-        self.assertEqual(self.operate(self.addon.EIGENCAST_OT_start), {"CANCELLED"})
-        self.assertIn("no-such-program", self.reports[0])
-        self.assertIsNone(self.addon.session.stream)
+    def test_other_faces_in_each_frame_are_one_sender_and_told(self):
+        result, sent, came = self.run_in_blender("remesh")
+        self.assertGreater(result["faces"], 10)
+        self.assertEqual(result["taken"], result["sent"] + result["early"] + result["superseded"] + result["dropped"])
+        self.assertEqual(len(came[-1].positions), len(sent[0]))
+        self.assertLess(numpy.abs(came[-1].in_source_order() - sent[0]).max(), 0.2)
+        self.assertIn("topology", result["raises"]["skipped"])
+        self.assertEqual(result["raises"]["skipped_poses"], 1)
 
-    def test_stop_and_unregister_leave_nothing_behind(self):
-        self.operate(self.addon.EIGENCAST_OT_start)
-        stream = self.addon.session.stream
-        self.assertTrue(self.addon.EIGENCAST_OT_stop.poll(self.context))
-        self.operate(self.addon.EIGENCAST_OT_stop)
-        self.assertFalse(stream.is_running())
-        self.change()
-        self.addon.unregister()
-        self.assertEqual(self.bpy.registered, [])
-        self.assertEqual(self.bpy.app.handlers.frame_change_post, [])
-        self.assertEqual(self.bpy.app.handlers.depsgraph_update_post, [])
+    def test_other_faces_of_as_many_points_are_another_surface(self):
+        result, _, came = self.run_in_blender("other_faces")
+        self.assertEqual((result["bakes"], result["dropped"]), (2, 0))
+        self.assertGreaterEqual(len(came), 2)
+
+    def test_it_follows_an_object_renamed_and_undone_and_ends_with_it(self):
+        result, sent, came = self.run_in_blender("life")
+        self.assert_all_came({**result["shown"], "taken": result["deleted"]["taken"], "sent": result["deleted"]["sent"]}, sent, came)
+        self.assertEqual(result["undone"]["name"], "Another")
+        self.assertEqual(result["undone"]["ended"], "")
+        self.assertIn("hidden", result["hidden"]["skipped"])
+        self.assertEqual(result["shown"]["skipped"], "")
+        for end in ("deleted", "removed"):
+            self.assertIn("deleted", result[end]["ended"])
+
+    def test_another_file_ends_streams_with_a_reason_and_new_ones_go_on(self):
+        result, sent, came = self.run_in_blender("load")
+        self.assertIn("file", result["first"]["ended"])
+        self.assert_all_came(result, sent, came)
+
+    def test_what_cannot_be_streamed_is_said(self):
+        result, _, _ = self.run_in_blender("refusals")
+        self.assertIn("another object", result["problems"]["two"])
+        self.assertIn("no name", result["problems"]["name"])
+        self.assertIn("faces", result["wire"]["skipped"])
+        self.assertEqual(result["urls"], ["/Grid", "/Grid.001"])
+        self.assertEqual(result["nobody"]["sent"], 0)
+        self.assertIn("127.0.0.1:9", result["nobody"]["state"][1])
+        self.assertEqual(result["left"], [])
+
+    def test_in_a_window_it_plays_and_the_panel_says_so(self):
+        result, sent, came = self.run_in_blender("window", ("xvfb-run", "-a", "-s", "-screen 0 800x600x24", "blender", "--window-geometry", "0", "0", "800", "600"))
+        self.assert_all_came(result, sent, came)
+        self.assertGreaterEqual(result["frames"], 12)
+        self.assertIn("live", result["panel"][0])
+        self.assertIn("poses sent", result["panel"][1])
 
 
 if __name__ == "__main__":
-    ADDON = sys.argv.pop(1)
-    unittest.main()
+    cases.main(argv=[sys.argv[0], *sys.argv[4:]])
