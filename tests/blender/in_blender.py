@@ -8,6 +8,7 @@ import pathlib
 import sys
 import time
 
+import bmesh
 import bpy
 import numpy
 
@@ -128,7 +129,7 @@ def other_faces():
 
 
 def life():
-    """Renamed, hidden, undone, deleted."""
+    """Renamed, hidden, undone, edited, deleted."""
     target = scenes.shape_key()
     bpy.ops.ed.undo_push(message="made")
     live, poses = streamed(target, "moves", url="")
@@ -153,6 +154,18 @@ def life():
     poses.append(scenes.seen(target))
     result["shown"] = told(live)
     eventually(lambda: arrived[0] >= len(poses), "the pose after it was hidden")
+    bpy.context.view_layer.objects.active = target
+    bpy.ops.object.mode_set(mode="EDIT")
+    poses.append(scenes.seen(target))  # Modes show shape keys differently.
+    edited = bmesh.from_edit_mesh(target.data)
+    for vertex in edited.verts:
+        vertex.co.z += 1
+    bmesh.update_edit_mesh(target.data)
+    bpy.context.view_layer.update()
+    poses.append(scenes.seen(target))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    poses.append(scenes.seen(target))
+    eventually(lambda: arrived[0] >= len(poses), "the poses that were edited")
     bpy.data.objects.remove(target)
     bpy.context.view_layer.update()
     result["deleted"] = told(live)

@@ -104,7 +104,7 @@ class Live:
         if target is None:
             self.end("the object was deleted")
             return
-        if changed is not None and target not in changed:
+        if depsgraph.scene not in target.users_scene or (changed is not None and target not in changed):
             return
         evaluated = target.evaluated_get(depsgraph)
         if not evaluated.is_evaluated:
@@ -131,6 +131,9 @@ class Live:
         if is_edit and triangles is None and not self.skipped and numpy.array_equal(before, self._points):
             return  # Windows and undo tell of edits that change nothing.
         self._triangles = triangles if triangles is not None else self._triangles
+        self._give()
+
+    def _give(self):
         try:
             self.stream.send(self._points, self._triangles, topology=self._faces.count)
             self.skipped = ""
@@ -149,7 +152,7 @@ class Live:
             return
         before, self.stats = self.stats, self.stream.stats
         if self.stats.reconnects != before.reconnects and self._points is not None and not self.skipped:
-            self.stream.send(self._points, self._triangles, topology=self._faces.count)  # Of one that stands still nothing else would come.
+            self._give()  # Of one that stands still nothing else would come.
 
     def end(self, why):
         """Sends what waits, in a thread: that takes up to a second."""
@@ -172,9 +175,9 @@ class Live:
     def figures(self):
         """Lines for people: what went out, and of what did not, why."""
         stats = self.stats
-        lines = [f"{stats.poses_sent} poses sent, {stats.bytes_sent / 1e6:.1f} MB, {stats.bakes} surface{'s' if stats.bakes != 1 else ''}"]
-        for count, why in ((stats.poses_early, "faster than the limit: newer ones went"), (stats.poses_superseded, "before the bake or a connection"),
-                           (stats.poses_dropped, "dropped: the link is behind or gone"), (self.skipped_poses, "skipped")):
+        lines = [f"{stats.poses_sent} poses sent, {stats.bytes_sent / 1e3:.0f} kB"] + ([f"{stats.bakes} surfaces"] if stats.bakes > 1 else [])
+        for count, why in ((stats.poses_early, "above the limit: newer ones went"), (stats.poses_superseded, "before bake or connection"),
+                           (stats.poses_dropped, "dropped: the link is behind"), (self.skipped_poses, "skipped")):
             if count:
                 lines.append(f"{count} {why}")
         return lines
@@ -235,6 +238,8 @@ def handlers():
 
 
 def tick():
+    global undoing
+    undoing = False  # It is over, even if nobody said so.
     for each in lives:
         each.look()
     for window in bpy.context.window_manager.windows if lives else ():
