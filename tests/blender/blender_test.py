@@ -56,15 +56,21 @@ class AddOn(unittest.TestCase):
         cls.folder = pathlib.Path(cls.folder_keeper.name)
         cls.zip = cls.folder / "eigencast-blender.zip"
         subprocess.run([sys.executable, ROOT / "tools/blender/pack.py", cls.zip], check=True)
+        cls.start_broker("127.0.0.1:0")
+        cls.origin = "http://" + cls.address
+
+    @classmethod
+    def start_broker(cls, address):
         port = cls.folder / "port"
-        cls.broker = subprocess.Popen([BROKER, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
+        port.unlink(missing_ok=True)
+        cls.broker = subprocess.Popen([BROKER, "--listen", address, "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
                                        cls.folder / "assets"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         end = time.monotonic() + 60
         while not port.exists() or not port.read_text().endswith("\n"):
             if time.monotonic() > end:
                 raise RuntimeError("the broker did not start")
             time.sleep(0.02)
-        cls.origin = "http://127.0.0.1:" + port.read_text().split()[0]
+        cls.address = "127.0.0.1:" + port.read_text().split()[0]
 
     @classmethod
     def tearDownClass(cls):
@@ -150,6 +156,28 @@ class AddOn(unittest.TestCase):
         self.assertEqual(result["nobody"]["sent"], 0)
         self.assertIn("127.0.0.1:9", result["nobody"]["state"][1])
         self.assertEqual(result["left"], [])
+
+    def test_what_stands_still_is_sent_again_to_a_broker_that_was_away(self):
+        folder, seen = self.folder / "still", []
+
+        def restart():
+            end = time.monotonic() + 120
+            while not (folder / "stands").exists() and time.monotonic() < end:
+                time.sleep(0.05)
+            self.broker.terminate()
+            self.broker.wait()
+            self.start_broker(self.address)
+            with eigencast.Subscriber(f"{self.origin}/still/moves?rate=raw", cache_dir="") as subscriber:
+                while not seen and time.monotonic() < end:
+                    seen.extend(filter(None, [subscriber.next(timeout=0.1)]))
+            (folder / "again").touch()
+
+        other = threading.Thread(target=restart)
+        other.start()
+        result, _, _ = self.run_in_blender("still")
+        other.join()
+        self.assertEqual(len(seen), 1)
+        self.assertEqual(result["taken"], 2)
 
     def test_in_a_window_it_plays_and_the_panel_says_so(self):
         result, sent, came = self.run_in_blender("window", ("xvfb-run", "-a", "-s", "-screen 0 800x600x24", "blender", "--window-geometry", "0", "0", "800", "600"))

@@ -232,6 +232,19 @@ def refusals():
                       if "eigencast" in each.__module__]
 
 
+def still():
+    """Stands still while the broker is another one; timers do not run without a window."""
+    live, _ = streamed(scenes.grid(8), "moves")
+    (FOLDER / "stands").touch()
+
+    def seen_again():
+        add_on.tick()
+        return (FOLDER / "again").exists()
+
+    eventually(seen_again, "a viewer of the other broker")
+    result.update(told(live))
+
+
 def window():
     """In a window: the timeline plays by itself, the panel is drawn."""
     target = scenes.shape_key(end=FRAMES)
