@@ -198,7 +198,7 @@ void Broker::run() {
   if (member_) {
     const auto replaces = [this] { return config().streams.second_sender == "replace"; };
     const auto remembers = [this] { return config().memory.enabled; };
-    member_->start({loop(), background_, epochs_, loops_.first().hub(), replaces, remembers,
+    member_->start({loop(), background_, epochs_, loops_.first().hub(), context().memory_reads, replaces, remembers,
                     [this] { loops_.first().arm_schedule(); }});
   }
   tick();

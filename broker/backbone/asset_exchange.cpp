@@ -214,15 +214,6 @@ void AssetExchange::on_disk(const TransferPtr& transfer, std::function<Result<vo
   });
 }
 
-void AssetExchange::run_on_disk(Work work, Work then) {
-  on_disk_([alive = alive_, work = std::move(work), then = std::move(then), on_loop = on_loop_] {
-    work();
-    on_loop([alive, then] {
-      if (*alive) then();
-    });
-  });
-}
-
 void AssetExchange::finish(const TransferPtr& transfer, const Result<void>& result) {
   transfer->over = true;
   transfers_.erase({transfer->owner, transfer->asset});

@@ -44,8 +44,6 @@ class AssetExchange {
   /// Calls `done` when object `asset` and its references are in the store, at once if they are; `payer` holds what is
   /// new there. Errors: kNotFound (at the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
   void fetch(const std::string& owner, const Sha256& asset, const std::string& payer, TimeUs now_us, Done done);
-  /// Runs `work` on the disk's threads, then `then` on the loop, unless this has stopped.
-  void run_on_disk(Work work, Work then);
   const AssetStore& store() const { return store_; }
   void stop();
 

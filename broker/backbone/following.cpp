@@ -339,13 +339,19 @@ void Following::load_memory(const RemotePtr& remote) {
   for (std::size_t i = loading->segments.size(); i < ids.size(); ++i)
     loading->segments.push_back({ids[i].hex(), nullptr, 0});
   const AssetDigest asset = Sha256::from_hex(remote->entry.announce.asset)->digest;
-  assets_.run_on_disk([loading, &store = assets_.store(), layout = remote->stream->layout(),
-                       asset] { loading->done = load_segments(store, layout, asset, loading->segments); },
-                      [this, loading, weak = std::weak_ptr(remote)] {
-                        const auto still = weak.lock();
-                        if (still && still->stream != nullptr)
-                          remember(still, std::move(loading->segments), loading->done);
-                      });
+  const auto wanted = [weak = std::weak_ptr(remote)] {
+    const auto still = weak.lock();
+    return still && still->stream != nullptr;
+  };
+  const auto load = [loading, &store = assets_.store(), layout = remote->stream->layout(), asset] {
+    loading->done = load_segments(store, layout, asset, loading->segments);
+  };
+  const auto then = [this, loading, weak = std::weak_ptr(remote)] {
+    const auto still = weak.lock();
+    if (still && still->stream != nullptr) remember(still, std::move(loading->segments), loading->done);
+  };
+  if (!environment_.read_memory(payer_of(remote->entry), {wanted, load, then}))
+    retry_memory(*remote, fail(ErrorCode::kRefused, "too many memories of its sender wait to be read"));
 }
 
 void Following::remember(const RemotePtr& remote, std::vector<Generation::Segment> segments,

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <ctime>
 #include <memory_resource>
 #include <utility>
@@ -212,17 +211,6 @@ double Connection::binary_work_us(std::uint64_t bytes, bool /*last*/) const {
 
 void Connection::charge(double work_us) {
   (void)grant_->take_work(work_us, context_.turn.now_us(), kForeverUs);
-}
-
-void Connection::on_disk(std::function<void()> work, std::function<void()> then) {
-  asio::post(context_.disk, [self = shared_from_this(), guard = asio::make_work_guard(context_.loop),
-                             work = std::move(work), then = std::move(then)]() mutable {
-    work();
-    work = nullptr;
-    asio::io_context& loop = self->context_.loop;
-    // The connection must not be destroyed on the disk's thread.
-    asio::post(loop, [self = std::move(self), then = std::move(then)] { self->guarded(then); });
-  });
 }
 
 TimeUs Connection::take_control(double messages) {

@@ -81,10 +81,11 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
   /// Closes once all control messages are written, at the latest after timeouts.shutdown_ms.
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
-  /// Runs `work`, which may block and throws nothing, on the disk's threads, then `then` on the loop.
-  void on_disk(std::function<void()> work, std::function<void()> then);
   /// Takes work that is done from the budget of the holder: what comes next may wait for it.
   void charge(double work_us);
+  /// Runs a handler's work. An exception (no memory) closes only this connection.
+  template <typename Work>
+  void guarded(Work work);
 
  private:
   // SocketWriter. None of these throws.
@@ -128,9 +129,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void on_all_written();
   void close_now();
   void close_later();
-  /// Runs a handler's work. An exception (no memory) closes only this connection.
-  template <typename Work>
-  void guarded(Work work);
   void log_failure(const std::exception& exception) noexcept;
   void ended();
 

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "broker/connections/publisher.h"
 
-#include <exception>
-#include <functional>
 #include <memory>
 #include <span>
 #include <utility>
 
 #include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
+#include "broker/relay/memory_reads.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/segments.h"
@@ -21,16 +20,12 @@ namespace {
 constexpr TimeUs kContestUs = 3'000'000;
 constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
 
-struct Loading {
-  std::vector<Generation::Segment> segments;
-  std::size_t first_new = 0;
-  Result<void> done{};
-};
+constexpr double kSegmentUs = 20;  ///< Of a memory: what its entries here take.
 
-/// What decoding the new segments of a memory took, if a byte and a pose take that much.
-double decoding_us(const Loading& loading, double byte_us, double pose_us) {
-  double sum = 0;
-  for (const auto& segment : std::span(loading.segments).subspan(loading.first_new)) {
+/// What the new segments of a memory took, if a byte and a pose take that much.
+double loading_us(std::span<const Generation::Segment> segments, double byte_us, double pose_us) {
+  double sum = kSegmentUs * static_cast<double>(segments.size());
+  for (const auto& segment : segments) {
     if (segment.coded) sum += static_cast<double>(segment.coded->size()) * byte_us;
     if (segment.poses) sum += segment.poses->poses * pose_us;
   }
@@ -187,30 +182,31 @@ void Publisher::on_remember(const control::Remember& memory) {
   if (held) segments.assign(held->segments.begin(), held->segments.begin() + memory.kept);
   for (const std::string& id : memory.segments) segments.push_back({id, nullptr, 0});
   if (segments.empty()) return answer_memory(memory.generation, {});
-  const auto loading = std::make_shared<Loading>(Loading{std::move(segments), memory.kept});
-  const AssetDigest asset = Sha256::from_hex(stream_->asset())->digest;
-  const double byte_us = stream_->decoding_us(1, false), pose_us = stream_->decoding_us(0, true);
-  const auto read = [this, weak = weak_from_this(), loading, layout, asset, byte_us, pose_us,
-                     generation = memory.generation, epoch = stream_->epoch()](std::function<void()> done) {
-    const auto alive = weak.lock();
-    if (!alive || stream_ == nullptr || stream_->epoch() != epoch) return false;
-    on_disk(
-        [loading, &assets = context().assets, layout, asset] {
-          try {
-            loading->done = load_segments(assets, layout, asset, loading->segments);
-          } catch (const std::exception& exception) {
-            loading->done = fail(ErrorCode::kInternal, exception.what());
-          }
-        },
-        [this, loading, byte_us, pose_us, generation, epoch, done = std::move(done)] {
-          done();
-          charge(decoding_us(*loading, byte_us, pose_us));
-          remember(generation, epoch, std::move(loading->segments), loading->done);
-        });
-    return true;
+  struct Loading {
+    std::vector<Generation::Segment> segments;
+    Result<void> done{};
+    std::shared_ptr<Connection> self{};  ///< Pays even if it ends meanwhile.
   };
-  loading_ = stream_->epoch();
-  if (context().memory_reads.push(grant().is_spared() ? std::string() : grant().holder(), read)) return;
+  const auto loading = std::make_shared<Loading>(Loading{std::move(segments)});
+  const std::uint32_t epoch = stream_->epoch();
+  const auto wanted = [this, weak = weak_from_this(), loading, epoch] {
+    loading->self = weak.lock();
+    return loading->self && stream_ != nullptr && stream_->epoch() == epoch;
+  };
+  const auto load = [loading, &assets = context().assets, layout, asset = Sha256::from_hex(stream_->asset())->digest] {
+    loading->done = load_segments(assets, layout, asset, loading->segments);
+  };
+  const auto then = [this, loading, epoch, generation = memory.generation, first_new = memory.kept,
+                     byte_us = stream_->decoding_us(1, false), pose_us = stream_->decoding_us(0, true)] {
+    const auto self = std::move(loading->self);
+    guarded([&] {
+      charge(loading_us(std::span(loading->segments).subspan(first_new), byte_us, pose_us));
+      remember(generation, epoch, std::move(loading->segments), loading->done);
+    });
+  };
+  loading_ = epoch;
+  const std::string holder = grant().is_spared() ? std::string() : grant().holder();
+  if (context().memory_reads.push(holder, {wanted, load, then})) return;
   loading_ = 0;
   refuse_memory(ErrorCode::kRefused, "too many memories wait to be read: try again later");
 }

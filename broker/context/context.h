@@ -10,7 +10,6 @@
 
 #include "broker/config/config.h"
 #include "broker/context/counters.h"
-#include "broker/context/memory_reads.h"
 #include "common/core/log.h"
 
 namespace boost::asio {
@@ -26,6 +25,7 @@ class Connection;
 class Gate;
 class Hub;
 class Loops;
+class MemoryReads;
 class NewcomerTime;
 class Ownership;
 class Recorder;
@@ -53,6 +53,7 @@ struct Context : SharedContext {
   NewcomerTime& newcomers;
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
+  MemoryReads& memory_reads;                       ///< Of the first loop.
   /// Connections of this loop, those on their way to it included. Any thread may read it.
   std::atomic<std::uint64_t> connection_count{0};
   Counters counters{};
@@ -60,7 +61,6 @@ struct Context : SharedContext {
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;
-  MemoryReads memory_reads{};
   bool disk_fails = false;  ///< The data folder takes no files. Of the first loop.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< For the connection being read.
 };

@@ -55,7 +55,13 @@ std::size_t cores() {
 Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
            std::function<void(Stream&)> on_opened)
     : hub_(hub_settings(config, std::move(taps), siblings.ids, siblings.memory, std::move(on_opened))),
-      context_{shared, io_, config, hub_, turn_, newcomers_, siblings.loops, siblings.last_connection_id},
+      memory_reads_(
+          [this, &disk = shared.disk](MemoryReads::Work work) {
+            asio::post(disk, [guard = asio::make_work_guard(io_), work = std::move(work)] { work(); });
+          },
+          [this](MemoryReads::Work work) { asio::post(io_, std::move(work)); }),
+      context_{shared,       io_, config, hub_, turn_, newcomers_, siblings.loops, siblings.last_connection_id,
+               memory_reads_},
       io_(1),
       turn_(io_, turn_settings(config), shared.log,
             [this] {

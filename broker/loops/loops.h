@@ -11,6 +11,7 @@
 
 #include "broker/context/context.h"
 #include "broker/relay/hub.h"
+#include "broker/relay/memory_reads.h"
 #include "broker/relay/mirror.h"
 #include "broker/sockets/newcomer_time.h"
 #include "broker/sockets/turn.h"
@@ -49,6 +50,7 @@ class Loop {
   void tick();
 
   Hub hub_;
+  MemoryReads memory_reads_;
   Context context_;  // Pending handlers end with the loop below and need the members above.
   asio::io_context io_;
   Turn turn_;

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: MIT
 #include "broker/storage/segments.h"
 
+#include <exception>
 #include <memory>
 #include <string>
 
 namespace eigencast::broker {
+namespace {
 
-Result<void> load_segments(const AssetStore& assets, const CoefficientLayout& layout, const AssetDigest& asset,
-                           std::vector<Generation::Segment>& segments) {
+Result<void> load(const AssetStore& assets, const CoefficientLayout& layout, const AssetDigest& asset,
+                  std::vector<Generation::Segment>& segments) {
   std::uint64_t poses = 0;
   for (Generation::Segment& segment : segments) {
     if (!segment.poses) {
@@ -26,6 +28,15 @@ Result<void> load_segments(const AssetStore& assets, const CoefficientLayout& la
     if (auto fits = PoseMemory::check_size(layout, poses += segment.poses->poses); !fits) return fits;
   }
   return {};
+}
+
+}  // namespace
+
+Result<void> load_segments(const AssetStore& assets, const CoefficientLayout& layout, const AssetDigest& asset,
+                           std::vector<Generation::Segment>& segments) try {
+  return load(assets, layout, asset, segments);
+} catch (const std::exception& exception) {
+  return fail(ErrorCode::kInternal, exception.what());
 }
 
 }  // namespace eigencast::broker

@@ -136,6 +136,25 @@ TEST_F(FollowedMemoryTest, WithoutItKeysNeedNone) {
   EXPECT_EQ(here().memory(), nullptr);
 }
 
+TEST_F(FollowedMemoryTest, MemoriesAreReadInTurnsOfTheirSenders) {
+  b().reads_memories = false;
+  remember(0, false);
+  recalled_key(1);
+  EXPECT_EQ(here().memory(), nullptr) << "it waits for its turn";
+  ASSERT_EQ(b().reads.size(), 1U);
+  const auto& [holder, read] = b().reads[0];
+  EXPECT_EQ(holder, here().payer());
+  EXPECT_FALSE(holder.empty());
+  ASSERT_TRUE(read.wanted());
+  read.load();
+  EXPECT_EQ(here().memory(), nullptr);
+  read.then();
+  ASSERT_NE(here().memory(), nullptr);
+  b().backbone->stop();
+  EXPECT_FALSE(read.wanted());
+  read.then();
+}
+
 TEST_F(FollowedMemoryTest, TheMemoryEndsWithItsEpoch) {
   remember(0, false);
   for (std::uint32_t pose = 1; pose < 19; ++pose) recalled_key(pose);

@@ -39,6 +39,15 @@ Backbone::Environment Site::environment() {
   };
   around.replaces = [this] { return replaces_; };
   around.remembers = [] { return true; };
+  around.read_memory = [this](const std::string& holder, const MemoryReads::Read& read) {
+    if (!reads_memories) {
+      reads.emplace_back(holder, read);
+    } else if (read.wanted()) {
+      read.load();
+      read.then();
+    }
+    return true;
+  };
   around.frames_came = [] {};
   return around;
 }

@@ -33,6 +33,8 @@ class Site {
   std::unique_ptr<AssetExchange> exchange;
   std::unique_ptr<Backbone> backbone;
   std::unique_ptr<Hub> hub;
+  bool reads_memories = true;  ///< At once; else they wait here, by holder.
+  std::vector<std::pair<std::string, MemoryReads::Read>> reads{};
 
  private:
   Backbone::Environment environment();

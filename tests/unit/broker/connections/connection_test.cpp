@@ -8,11 +8,12 @@
 #include <array>
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
+#include <deque>
 #include <thread>
 #include <utility>
 
-#include "broker/context/memory_reads.h"
 #include "broker/loops/loops.h"
+#include "broker/relay/memory_reads.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/recorder.h"
@@ -102,26 +103,28 @@ TEST_F(ConnectionTest, ReadsNothingOnceClosed) {
 }
 
 TEST(MemoryReadsTest, OneAtATimeAndHoldersInTurns) {
-  MemoryReads reads;
-  std::string begun;
-  std::vector<std::function<void()>> done;
-  const auto read = [&](char name, bool wanted = true) {
-    return reads.push(std::string(1, name), [&, name, wanted](std::function<void()> end) {
-      begun += name;
-      if (wanted) done.push_back(std::move(end));
-      return wanted;
-    });
+  std::deque<MemoryReads::Work> loading, loop;
+  MemoryReads reads([&](MemoryReads::Work work) { loading.push_back(std::move(work)); },
+                    [&](MemoryReads::Work work) { loop.push_back(std::move(work)); });
+  std::string begun, done;
+  const auto read = [&](char name, bool is_wanted = true) {
+    return reads.push(std::string(1, name),
+                      {[=] { return is_wanted; }, [&, name] { begun += name; }, [&, name] { done += name; }});
   };
   int most = 0;
   while (most < 1000 && read('a')) ++most;
   EXPECT_LT(most, 300) << "it leaves places to others";
   EXPECT_TRUE(read('b', false));
   EXPECT_TRUE(read('c'));
-  EXPECT_EQ(begun, "a") << "one at a time, so that a thread of the disk is left for all else";
-  for (int i = 0; i < 3; ++i) done.back()();
-  ASSERT_EQ(begun.size(), 5U);
-  for (const char name : {'a', 'b', 'c'})
-    EXPECT_NE(begun.substr(1, 3).find(name), std::string::npos) << "others do not wait for all of one: " << begun;
+  while (!loading.empty()) {
+    ASSERT_EQ(loading.size(), 1U) << "a thread of the disk is left for all else";
+    std::exchange(loading, {}).front()();
+    ASSERT_EQ(loop.size(), 1U);
+    std::exchange(loop, {}).front()();
+    EXPECT_EQ(done, begun);
+  }
+  EXPECT_EQ(done.size(), static_cast<std::size_t>(most) + 1) << "what nobody wants is not read";
+  EXPECT_LT(done.find('c'), 3U) << "others do not wait for all of one";
 }
 
 }  // namespace
