@@ -87,8 +87,9 @@ void Publisher::describe(ClientInfo& info) const {
 void Publisher::on_message(const ControlMessage& message) {
   if (const auto* announce = std::get_if<control::Announce>(&message)) return on_announce(*announce);
   if (const auto* trace = std::get_if<control::Trace>(&message)) {
-    if (stream_ != nullptr) stream_->relay_trace(*trace);
-    return;
+    if (stream_ == nullptr) return;
+    stream_->relay_trace(*trace);
+    return charge(stream_->take_unpaid_us());
   }
   if (const auto* memory = std::get_if<control::Remember>(&message)) return on_remember(*memory);
   send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, remember, trace, ping and pong"), name_);

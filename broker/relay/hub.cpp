@@ -97,9 +97,7 @@ Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segm
                                              charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
     }
     segment.since = number;
-    auto grown = next.poses.with(segment.poses);
-    if (!grown) return grown.error();
-    next.poses = *std::move(grown);
+    if (auto grown = next.poses.add(segment.poses); !grown) return grown;
   }
   stream.set_memory(std::make_shared<const Generation>(std::move(next)));
   return {};

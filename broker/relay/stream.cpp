@@ -29,7 +29,9 @@ constexpr double kDecodedPerUs = 450, kDecodedBytesPerUs = 8, kFloatBytesPerUs =
 constexpr std::size_t kMaxPayersAsked = 8;
 // What a key costs a profile besides poses: pacing, cutting bands.
 constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
-constexpr TimeUs kRetryUs = 50'000;  ///< After a key that nobody paid for.
+constexpr TimeUs kRetryUs = 50'000;   ///< After a key that nobody paid for.
+constexpr double kTraceUs = 2;        ///< A viewer that is told one.
+constexpr double kChangeChainUs = 5;  ///< A viewer that gains or lacks what keys need.
 
 }  // namespace
 
@@ -251,6 +253,7 @@ void Stream::change_chain(Watcher& watcher) {
   Watched& watched = watched_.at(&watcher);
   if (watched.group == nullptr || watched.group->plain == needs_plain(watched)) return;
   deliver();
+  unpaid_us_ += kChangeChainUs;
   leave_group(watcher, watched);
   join_group(watcher, watched);
   watcher.on_restart(*this);
@@ -393,9 +396,13 @@ void Stream::relay_trace(const control::Trace& trace) {
   const std::string json = text_from_control(relayed);
   if (json.size() > limits::kMaxControlBytes) return;  // Numbers of this broker made it longer than viewers take.
   const auto text = websocket::framed(websocket::Opcode::kText, json);
+  std::uint32_t told = mirror_trace_ != 0 ? watchers() - watchers_here() : 0;
   for (Watcher* watcher : order_) {
-    if (tracer_.is_wanted_by(watcher, trace.sequence)) watcher->on_trace(text);
+    if (!tracer_.is_wanted_by(watcher, trace.sequence)) continue;
+    watcher->on_trace(text);
+    ++told;
   }
+  unpaid_us_ += kTraceUs * told;
 }
 
 void Stream::trace(Watcher& watcher, std::uint32_t every) {
@@ -574,6 +581,8 @@ void Stream::Group::add_key(const Stream& stream, TimeUs now_us) {
     // A few bytes of a key may name any of its sender's poses, so that the plain one is long.
     double coding_us = 0;
     feed.add_key(plain ? stream.plain(&coding_us) : record, now_us, pending);
+    // Its sender pays, too: viewers at many addresses have many budgets.
+    stream.unpaid_us_ += coding_us;
     return watchers[payer % watchers.size()]->charge_key(coding_us);
   }
   feed.leave_gap();

@@ -162,14 +162,15 @@ void Recorder::on_announced(const Stream& stream) {
 void Recorder::announce(const SessionPtr& session, const Stream& stream) {
   session->announced = session->wants_checkpoint = true;
   session->memory = stream.memory() ? stream.memory()->number : 0;
-  // Ignores the bound: one per epoch, and the file is unreadable without it.
+  const std::size_t segments = stream.memory() ? stream.memory()->segments.size() : 0;
+  // Ignores the bound, not its count: keys behind it are dropped before. The file is unreadable without it.
   push({.kind = Item::Kind::kAnnounce,
         .session = session,
         .announced = stream.announcement(),
         .memory = stream.memory(),
         .layout = stream.layout(),
         .holder = stream.payer(),
-        .bytes = kItemBytes});
+        .bytes = kItemBytes * static_cast<std::int64_t>(1 + segments)});
 }
 
 void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {

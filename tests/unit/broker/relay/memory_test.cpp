@@ -287,18 +287,35 @@ TEST_F(MemoryTest, CodingKeysAnewIsPaidByWhatItMakes) {
   remember(0, 30);
   recalled_key(8);
   viewer.keys_us = 0;
+  (void)stream_->take_unpaid_us();
   double made_us = 0;
   for (std::uint32_t i = 0; i < 20; ++i) {
     recalled_key(i % 2 == 0 ? 8 * 28 : 8 * 2);  // To and fro: few bytes of the sender, many without its memory.
     made_us += encoding_us(small_layout(), stream_->plain()->payload.size());
   }
   EXPECT_GE(viewer.keys_us, made_us + 20 * 5);
-  EXPECT_EQ(stream_->take_unpaid_us(), 0) << "its viewers pay";
+  EXPECT_DOUBLE_EQ(stream_->take_unpaid_us(), made_us)
+      << "its sender, too: viewers at many addresses have many budgets";
   stream_->unwatch(viewer);
   recalled_key(8);
   EXPECT_EQ(stream_->take_unpaid_us(), 0) << "nobody needs it";
   EXPECT_GT(encoding_us(small_layout(), stream_->plain()->payload.size()), 0);
   EXPECT_GT(stream_->take_unpaid_us(), 0) << "the sender pays for recordings and other brokers";
+}
+
+TEST_F(MemoryTest, ChangesOfChainsArePaidByTheSender) {
+  constexpr double kChangeUs = 5;
+  std::vector<MemoryViewer> viewers(20);
+  for (MemoryViewer& viewer : viewers) watch(viewer);
+  plain_key();
+  remember(0, 30);
+  EXPECT_EQ(stream_->take_unpaid_us(), 0);
+  recalled_key(8);
+  EXPECT_GE(stream_->take_unpaid_us(), 20 * kChangeUs) << "they lack it";
+  for (MemoryViewer& viewer : viewers) hold(viewer);
+  EXPECT_GE(stream_->take_unpaid_us(), 20 * kChangeUs) << "they have it";
+  for (MemoryViewer& viewer : viewers) EXPECT_EQ(viewer.restarts, 2);
+  for (MemoryViewer& viewer : viewers) stream_->unwatch(viewer);
 }
 
 TEST_F(MemoryTest, PosesThatAreKeptAreChargedOnce) {

@@ -304,6 +304,21 @@ TEST_F(StreamTest, TracesReachRequestersWithBrokerStreamId) {
   EXPECT_TRUE(asks_seldom.traces.empty());
 }
 
+TEST_F(StreamTest, TracesArePaidByHowManyAreTold) {
+  std::vector<FakeReceiver> receivers(40);
+  for (FakeReceiver& receiver : receivers) ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  for (std::size_t i = 0; i < 30; ++i) stream_.trace(receivers[i], 5);
+  control::Trace sent;
+  sent.sequence = 6;
+  stream_.relay_trace(sent);
+  EXPECT_EQ(stream_.take_unpaid_us(), 0);
+  sent.sequence = 5;
+  for (int i = 0; i < 3; ++i) stream_.relay_trace(sent);
+  EXPECT_DOUBLE_EQ(stream_.take_unpaid_us(), 3 * 30 * 2.0) << "2 us each";
+  EXPECT_EQ(receivers[29].traces.size(), 3U);
+  EXPECT_TRUE(receivers[30].traces.empty());
+}
+
 TEST_F(StreamTest, TraceIntervalIsTheSmallestRequested) {
   FakeReceiver a, b, stranger;
   ASSERT_TRUE(stream_.watch(a, kRaw));
