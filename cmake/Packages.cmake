@@ -13,7 +13,7 @@ set(CPACK_STRIP_FILES ON)
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_COMPONENTS_GROUPING IGNORE)
-set(CPACK_COMPONENTS_ALL broker tools library development python)
+set(CPACK_COMPONENTS_ALL broker tools igtl library development python)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
@@ -50,6 +50,13 @@ set(CPACK_COMPONENT_TOOLS_DESCRIPTION "sender, native viewer and latency meter f
 The sender bakes meshes and point clouds into streamable assets and publishes
 their motion; the viewer rebuilds the surface at a level of detail that holds
 its frame rate; the latency meter says where the time between them goes.")
+
+set(CPACK_DEBIAN_IGTL_PACKAGE_NAME eigencast-igtl)
+set(CPACK_DEBIAN_IGTL_PACKAGE_SECTION net)
+set(CPACK_DEBIAN_IGTL_PACKAGE_DEPENDS "ca-certificates")
+set(CPACK_COMPONENT_IGTL_DESCRIPTION "bridge between streams of deforming 3D surfaces and OpenIGTLink
+Surfaces that 3D Slicer and other programs send as POLYDATA become a stream,
+and a stream is sent to them; it needs neither a display nor their libraries.")
 
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME "libeigencast0")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
@@ -121,6 +128,7 @@ endfunction()
 eigencast_package_documents(eigencast-broker broker docs/operations.md docs/scaling.md)
 eigencast_package_documents(eigencast-tools tools docs/formats.md docs/deform.md docs/latency.md docs/time.md
   client/README.md sender/README.md)
+eigencast_package_documents(eigencast-igtl igtl)
 eigencast_package_documents(libeigencast0 library)
 eigencast_package_documents(libeigencast-dev development docs/protocol.md docs/asset-format.md docs/sdk.md)
 eigencast_package_documents(python3-eigencast python docs/sdk.md)

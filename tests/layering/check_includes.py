@@ -63,6 +63,7 @@ ROOMS = {
                "common/asset", "common/reconstruction", "common/net", "sdk", "common/surface/formats", "common/surface/shapes"},
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/asset", "common/reconstruction",
                       "common/net", "sdk", "common/surface/shapes"},
+    "tools/igtl": {"common/core", "common/command_line", "common/net"},  # Credentials; libeigencast, installed
     "tools/compare": {"common/core", "common/surface", "common/asset", "sender"},
     # What the browser's viewer shares with the native ones, compiled for WebAssembly.
     "web/core": {"common/core", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/levels", "common/asset/format",
@@ -88,7 +89,7 @@ LIBRARIES = {
     "liburing": (r"liburing\.h", {"broker/sockets"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker/access", "broker/backbone", "broker/http", "broker/operation", "sdk", "sender",
                                      "sender/deform", "client", "tools/compare", "tools/latency"}, 30),
-    "CLI11": (r"CLI/", {"common/command_line", "broker/command_line", "sender", "tools/compare", "tools/latency"}, 8),
+    "CLI11": (r"CLI/", {"common/command_line", "broker/command_line", "sender", "tools/compare", "tools/igtl", "tools/latency"}, 9),
     "prometheus-cpp": (r"prometheus/", {"broker/operation"}, 1),
     "systemd": (r"systemd/", {"broker/operation"}, 1),
     "spdlog": (r"spdlog/", {"common/command_line", "sender"}, 11),
@@ -133,7 +134,7 @@ def check_include(path, room, where, quote, target, sources, users):
             if room not in rooms:
                 complaints.append(f"{where} {room} must not know {name}")
     if target.startswith("eigencast/"):
-        if room not in ("examples", "sdk"):
+        if room not in ("examples", "sdk", "tools/igtl"):
             complaints.append(f"{where} <eigencast/...> is for embedders; include the room's own header")
         return complaints
     if path.startswith("sdk/include/") and (quote == '"' or "/" in target or ".h" in target.replace("std", "")):

@@ -71,12 +71,12 @@ class Files(unittest.TestCase):
 class Packages(OnMachines):
     def test_what_is_installed(self):
         self.run_at("apt install ./*.deb")
-        programs = self.says("dpkg -L eigencast-broker eigencast-tools | grep ^/usr/bin/eigencast-").split()
-        self.assertGreaterEqual(len(programs), 3)
+        programs = self.says("dpkg -L eigencast-broker eigencast-tools eigencast-igtl | grep ^/usr/bin/eigencast-").split()
+        self.assertGreaterEqual(len(programs), 5)
         for program in programs:
             self.assertRegex(self.says(f"{program} --version"), r"eigencast-\w+ \d")
             self.assertEqual(self.says(f"ldd {program} | grep 'not found' || true"), "")
-        pages = self.says("dpkg -L eigencast-broker eigencast-tools | grep '/man1/.*gz$'").split()
+        pages = self.says("dpkg -L eigencast-broker eigencast-tools eigencast-igtl | grep '/man1/.*gz$'").split()
         self.assertGreaterEqual(len(pages), 2)
         for page in pages:
             program = pathlib.Path(page).name.removesuffix(".1.gz")
@@ -87,7 +87,7 @@ class Packages(OnMachines):
                 self.run_at(f"zcat /usr/share/doc/eigencast-*/{document}.gz")
             self.run_at(f"test -s /usr/share/bash-completion/completions/{program} -a -s /usr/share/zsh/vendor-completions/_{program}")
         self.assertEqual(self.says("stat -c '%U %a' /var/lib/eigencast"), "eigencast 750")
-        self.assertEqual(self.says("dpkg --verify eigencast-broker eigencast-tools libeigencast0 libeigencast-dev python3-eigencast"), "")
+        self.assertEqual(self.says("dpkg --verify eigencast-broker eigencast-tools eigencast-igtl libeigencast0 libeigencast-dev python3-eigencast"), "")
         self.assertIn("eigencast-client.desktop", self.says("grep -l model/obj /usr/share/applications/*.desktop"))
         self.run_at("test -s /usr/share/icons/hicolor/scalable/apps/eigencast-client.svg")
         for document in ("operations", "scaling"):
