@@ -2,6 +2,7 @@
 #pragma once
 
 #include <eigencast/eigencast.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstring>
@@ -28,6 +29,20 @@ struct ec_asset {
 };
 
 namespace eigencast::abi {
+
+/// What has threads lives where it was made: a forked process has of them no more than the memory, and leaves that.
+class OfProcess {
+ public:
+  bool is_here() const { return ::getpid() == process_; }
+
+ private:
+  pid_t process_ = ::getpid();
+};
+/// The destruction of an object that has an OfProcess `home`; null is allowed.
+template <typename Object>
+void release_at_home(Object* object) {
+  if (object != nullptr && object->home.is_here()) delete object;
+}
 
 /// Keeps the words for ec_last_error() on this thread.
 ec_status failed(const Error& error);

@@ -13,6 +13,7 @@ struct ec_publisher {
   std::unique_ptr<eigencast::Publisher> publisher;
   std::size_t vertices = 0, scalars = 0;
   mutable std::string detail = {};  ///< Of the last statistics.
+  eigencast::abi::OfProcess home = {};
 };
 
 namespace eigencast {
@@ -135,5 +136,5 @@ ec_status ec_publisher_wait_live(const ec_publisher* publisher, int timeout_ms) 
 }
 
 void ec_publisher_release(ec_publisher* publisher) {
-  delete publisher;
+  release_at_home(publisher);
 }

@@ -13,6 +13,7 @@
 #include "sdk/subscriber.h"
 
 struct ec_subscriber {
+  eigencast::abi::OfProcess home;
   std::optional<eigencast::MemoryBudget> memory;  ///< Outlives the subscriber.
   std::unique_ptr<eigencast::Subscriber> subscriber;
   std::deque<eigencast::ReceivedPose> waiting;
@@ -225,5 +226,5 @@ ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber
 }
 
 void ec_subscriber_release(ec_subscriber* subscriber) {
-  delete subscriber;
+  release_at_home(subscriber);
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "common/core/worker_team.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <atomic>
 #include <condition_variable>
@@ -16,6 +18,7 @@ namespace eigencast {
 
 struct WorkerTeam::State {
   std::atomic<unsigned> threads = 1;
+  const pid_t process = ::getpid();
   std::atomic_flag busy;  // set while a loop runs; not a mutex, since a task may ask on the thread that set it
 
   std::mutex mutex;  // guards what follows
@@ -30,6 +33,9 @@ struct WorkerTeam::State {
   std::atomic<std::size_t> next = 0;
 
   std::vector<std::thread> workers;  // last: they use the rest
+
+  /// A forked process has of the threads no more than their memory, in the state of that moment.
+  bool is_elsewhere() const { return ::getpid() != process; }
 
   void take_tasks(const std::function<void(std::size_t)>& call, std::size_t until) {
     try {
@@ -72,6 +78,10 @@ WorkerTeam::WorkerTeam(unsigned threads) : state_(std::make_unique<State>()) {
 }
 
 WorkerTeam::~WorkerTeam() {
+  if (state_->is_elsewhere()) {
+    (void)state_.release();
+    return;
+  }
   {
     const std::lock_guard lock(state_->mutex);
     state_->stopping = true;
@@ -86,7 +96,7 @@ unsigned WorkerTeam::threads() const {
 
 void WorkerTeam::run(std::size_t count, const std::function<void(std::size_t)>& task) {
   State& state = *state_;
-  if (count < 2 || state.threads < 2 || state.busy.test_and_set()) {
+  if (count < 2 || state.threads < 2 || state.is_elsewhere() || state.busy.test_and_set()) {
     for (std::size_t i = 0; i < count; ++i) task(i);
     return;
   }

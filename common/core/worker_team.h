@@ -11,7 +11,7 @@ namespace eigencast {
 /// Threads that wait to share out loops. One team serves the whole process: see worker_team().
 ///
 /// Thread-safe: a loop that finds the team busy runs on its caller's thread alone, so that nobody waits for another's
-/// work and a task may itself start a loop.
+/// work and a task may itself start a loop. In a process that was forked loops run on their callers' threads.
 class WorkerTeam {
  public:
   /// threads: the caller included; 0 means one for each processor. They start with the first loop that needs them.

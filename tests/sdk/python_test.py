@@ -276,14 +276,19 @@ points = numpy.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dt
 faces = [[0, 1, 2], [0, 1, 3], [1, 2, 4], [0, 2, 3]]
 stream.send(points, faces)
 assert stream.wait_live()
+watched = eigencast.Subscriber(sys.argv[1], cache_dir="")
+publisher = eigencast.Publisher(sys.argv[1] + "-too", eigencast.bake(points, faces, rank=5, cache_dir=""))
 child = os.fork()
 if child == 0:
     try:
         stream.send(points)
     except eigencast.Error as error:
-        os._exit(error.status != eigencast.Status.UNSUPPORTED)
+        if error.status is eigencast.Status.UNSUPPORTED:
+            sys.exit(7)  # All ends as in any program: handlers, objects, what the library keeps.
     os._exit(2)
-assert os.waitpid(child, 0)[1] == 0
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+watched.close()
+publisher.close()
 try:
     stream.send(points * numpy.nan)
 except eigencast.Error:

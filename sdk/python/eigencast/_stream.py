@@ -65,7 +65,7 @@ class Stream(_Object):
       max_rate_hz  of poses that come faster the newest waits for its turn; math.inf: no limit
       on_topology  other faces than the first are another surface ("rebake") or an error ("raise")
       error, bitrate, memory, token and the files of TLS: as of Publisher
-    In a forked process send() raises, and close() leaves all to the parent; end it by os._exit(), as multiprocessing does.
+    In a forked process send() raises, and close() leaves all to the parent.
     """
     _release = staticmethod(LIBRARY.ec_stream_release)
 

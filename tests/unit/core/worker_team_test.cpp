@@ -2,8 +2,11 @@
 #include "common/core/worker_team.h"
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <atomic>
+#include <cstdlib>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -54,6 +57,21 @@ TEST(WorkerTeam, ConcurrentCallersAreServed) {
 TEST(WorkerTeam, SingleThreadIsTheCallers) {
   WorkerTeam team(1);
   team.run(20, [here = std::this_thread::get_id()](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), here); });
+}
+
+TEST(WorkerTeam, AForkedProcessRunsLoopsAndEnds) {
+  worker_team().run(100, [](std::size_t) {});
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::alarm(30);  // rather than hang for good
+    std::atomic<int> calls = 0;
+    worker_team().run(100, [&](std::size_t) { ++calls; });
+    std::exit(calls == 100 ? 0 : 1);  // with the destructors of statics
+  }
+  int status = -1;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status)) << "signal " << WTERMSIG(status);
+  EXPECT_EQ(WEXITSTATUS(status), 0);
 }
 
 TEST(WorkerTeam, ExceptionsReachTheCallerAfterTheLoop) {
