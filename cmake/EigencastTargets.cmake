@@ -9,6 +9,8 @@ target_compile_features(eigencast_flags INTERFACE cxx_std_20)
 target_compile_options(eigencast_flags INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wold-style-cast -Wcast-qual>)
 target_include_directories(eigencast_flags INTERFACE "${PROJECT_SOURCE_DIR}")
+# Libraries that only other programs' rooms call are no dependency of a package.
+target_link_options(eigencast_flags INTERFACE "-Wl,--as-needed")
 if(CMAKE_UNITY_BUILD)
   # GCC takes a source that another one includes for a header, whose types in anonymous namespaces it warns of.
   target_compile_options(eigencast_flags INTERFACE $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
