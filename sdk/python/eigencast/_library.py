@@ -162,8 +162,9 @@ _SIGNATURES = {
 
 
 def library_path():
-    """Where libeigencast is: EIGENCAST_LIBRARY, or as the system finds it."""
-    return os.environ.get("EIGENCAST_LIBRARY") or SONAME
+    """Where libeigencast is: EIGENCAST_LIBRARY, or in this package (a wheel), or as the system finds it."""
+    inside = os.path.join(os.path.dirname(__file__), SONAME)
+    return os.environ.get("EIGENCAST_LIBRARY") or (inside if os.path.exists(inside) else SONAME)
 
 
 def _load():
