@@ -30,6 +30,10 @@ class _Object:
         if handle:
             self._release(handle)
 
+    @property
+    def closed(self):
+        return not self._handle
+
     def _open(self):
         if not self._handle:
             raise ValueError(f"the {type(self).__name__.lower()} is closed")

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: MIT
+"""What the tests of hosts share: a broker, the snippets of docs/hosts.md, and poses that are followed from the host to a viewer.
+
+    HOST_test.py BUILD_FOLDER SOURCE_FOLDER [--measure]      --measure prints what a pose costs, for docs/hosts.md
+"""
+import os
+import pathlib
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+BUILD, SOURCE = (pathlib.Path(word) for word in sys.argv[1:3])
+MEASURE = "--measure" in sys.argv
+sys.dont_write_bytecode = True
+os.environ["EIGENCAST_LIBRARY"] = str(BUILD / "lib/libeigencast.so.0")
+os.environ["PYTHONPATH"] = str(SOURCE / "sdk/python")
+sys.path.insert(0, os.environ["PYTHONPATH"])
+_folder = tempfile.TemporaryDirectory()
+os.environ["EIGENCAST_CACHE"] = _folder.name + "/cache"
+
+import numpy  # noqa: E402
+
+import eigencast  # noqa: E402
+
+
+def snippets(section):
+    """The Python of that section of docs/hosts.md, a text for each block."""
+    page = (SOURCE / "docs/hosts.md").read_text(encoding="utf-8")
+    found = re.search(rf"^## {re.escape(section)}\n(.*?)(?=^## |\Z)", page, re.M | re.S)
+    return re.findall(r"^```python\n(.*?)^```", found[1], re.M | re.S)
+
+
+class Broker:
+    """with Broker() as origin: http://host:port"""
+
+    def __enter__(self):
+        port = pathlib.Path(_folder.name) / f"port-{time.monotonic_ns()}"
+        self.process = subprocess.Popen([BUILD / "bin/eigencast-broker", "--listen", "127.0.0.1:0", "--admin-listen", "", "--port-file", port],
+                                        env={**os.environ, "XDG_STATE_HOME": _folder.name}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        end = time.monotonic() + 60
+        while not port.exists() or not port.read_text().endswith("\n"):
+            if time.monotonic() > end or self.process.poll() is not None:
+                raise RuntimeError("the broker did not start")
+            time.sleep(0.02)
+        return "http://127.0.0.1:" + port.read_text().split()[0]
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait()
+
+
+class HostTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.broker = Broker()
+        cls.origin = cls.broker.__enter__()
+        cls.addClassCleanup(cls.broker.__exit__)
+
+    def code(self, section, number=0):
+        """A snippet as the page has it, but for the broker."""
+        text = snippets(section)[number]
+        self.assertIn("http://localhost:7490", text)
+        return text.replace("http://localhost:7490", self.origin)
+
+    def follow(self, url, count, send, expected, tolerance):
+        """send(i) makes the host send pose i once the one before has come. Each must come, in order, with expected(i), (n, 3)."""
+        with eigencast.Subscriber(url + "?rate=raw") as subscriber:
+            last = None
+            for i in range(count):
+                send(i)
+                wanted, end = expected(i), time.monotonic() + 120
+                while True:
+                    self.assertLess(time.monotonic(), end, f"pose {i} of {count} has not come: {subscriber.stats()}")
+                    pose = subscriber.next(timeout=0.1)
+                    if pose is None or len(pose.positions) != len(wanted):
+                        continue
+                    off = numpy.abs(pose.in_source_order() - wanted).max()
+                    if last is not None or off < tolerance:  # the first may be one from before
+                        break
+                if last is not None:
+                    self.assertEqual(pose.sequence, last.sequence + 1)
+                self.assertLess(off, tolerance)
+                last = pose
+            return last
+
+
+def measure(host, make, count=200):
+    """Prints a row. make(origin, n): (url, advance(i), send()) of a surface of about n points."""
+    cells = []
+    with Broker() as origin:
+        for n in (2_000, 10_000, 40_000):
+            url, advance, send = make(origin, n)
+            with eigencast.Subscriber(url + "?rate=raw") as subscriber:
+                points = 0
+                while not points:  # until the surface is baked and known
+                    advance(0)
+                    send()
+                    time.sleep(0.05)
+                    pose = subscriber.next(timeout=0.5)
+                    points = len(pose.positions) if pose is not None and pose.normals is not None else 0
+                while subscriber.next(timeout=0.3):
+                    pass
+                times, got, busy = [], [], 0.0
+                next_at = time.monotonic()
+                for i in range(1, count + 1):
+                    advance(i)
+                    at, cpu = time.perf_counter(), time.process_time()
+                    send()
+                    times.append(time.perf_counter() - at)
+                    busy += time.process_time() - cpu
+                    while (pose := subscriber.next(timeout=max(0, next_at + i / 25 - time.monotonic()))) is not None:
+                        got.append(pose.sequence)
+                    time.sleep(max(0, next_at + i / 25 - time.monotonic()))
+                while (pose := subscriber.next(timeout=0.5)) is not None:
+                    got.append(pose.sequence)
+            in_order = got == list(range(got[0], got[0] + len(got)))
+            cells.append(f"{points} points: {1e3 * statistics.median(times):.2f} ms, {len(got)} of {count}{' in order' if in_order else ' OUT OF ORDER'}")
+    print(host, "|", "; ".join(cells))
+
+
+def main(host, make):
+    if MEASURE:
+        measure(host, make)
+    else:
+        unittest.main(module="__main__", argv=sys.argv[:1])
