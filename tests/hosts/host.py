@@ -88,38 +88,36 @@ class HostTest(unittest.TestCase):
             return last
 
 
-def measure(host, make, count=200):
-    """Prints a row. make(origin, n): (url, advance(i), send()) of a surface of about n points."""
-    cells = []
+def measure(host, make, count=200, rate_hz=25):
+    """Prints what a pose takes of its host, and what a viewer gets. make(origin, n): (stream, url, points, advance(i), send()), about n points."""
     with Broker() as origin:
         for n in (2_000, 10_000, 40_000):
-            url, advance, send = make(origin, n)
-            with eigencast.Subscriber(url + "?rate=raw") as subscriber:
-                points = 0
-                while not points:  # until the surface is baked and known
+            stream, url, points, advance, send = make(origin, n)
+            with eigencast.Subscriber(url + "?rate=raw") as viewer:
+                pose = None
+                while pose is None or len(pose.positions) < points:
                     advance(0)
                     send()
-                    time.sleep(0.05)
-                    pose = subscriber.next(timeout=0.5)
-                    points = len(pose.positions) if pose is not None and pose.normals is not None else 0
-                while subscriber.next(timeout=0.3):
+                    pose = viewer.next(timeout=0.5)
+                while viewer.next(timeout=0.5):
                     pass
-                times, got, busy = [], [], 0.0
-                next_at = time.monotonic()
+                viewer.max_vertices = 1  # pictures are another program's matter
+                taken_s, came, before, start = [], [], stream.stats, time.monotonic()
                 for i in range(1, count + 1):
                     advance(i)
-                    at, cpu = time.perf_counter(), time.process_time()
+                    at = time.perf_counter()
                     send()
-                    times.append(time.perf_counter() - at)
-                    busy += time.process_time() - cpu
-                    while (pose := subscriber.next(timeout=max(0, next_at + i / 25 - time.monotonic()))) is not None:
-                        got.append(pose.sequence)
-                    time.sleep(max(0, next_at + i / 25 - time.monotonic()))
-                while (pose := subscriber.next(timeout=0.5)) is not None:
-                    got.append(pose.sequence)
-            in_order = got == list(range(got[0], got[0] + len(got)))
-            cells.append(f"{points} points: {1e3 * statistics.median(times):.2f} ms, {len(got)} of {count}{' in order' if in_order else ' OUT OF ORDER'}")
-    print(host, "|", "; ".join(cells))
+                    taken_s.append(time.perf_counter() - at)
+                    while (left := start + i / rate_hz - time.monotonic()) > 0:
+                        pose = viewer.next(timeout=left)
+                        came += [] if pose is None else [pose.sequence]
+                while (pose := viewer.next(timeout=1)) is not None:
+                    came.append(pose.sequence)
+                after = stream.stats
+            ordered = came == list(range(came[0], came[0] + len(came)))
+            print(f"{host} | {points} points | {1e3 * statistics.median(taken_s):.2f} ms a pose | sent {after.poses_sent - before.poses_sent} of {count}, "
+                  f"early {after.poses_early - before.poses_early}, dropped {after.poses_dropped - before.poses_dropped} | "
+                  f"came {len(came)}{', all in order' if ordered else ', with gaps'}", flush=True)
 
 
 def main(host, make):

@@ -332,11 +332,12 @@ class Subscriber(_Object):
         self._handle = handle
         self.detail, self.max_vertices = detail, max_vertices
 
-    def next(self, timeout=1.0):
-        """The next pose, oldest first, waiting at most `timeout` seconds; None if none came, also while connecting."""
+    def next(self, timeout=1.0, *, copy=True):
+        """The next pose, oldest first, waiting at most `timeout` seconds; None if none came, also while connecting. Without `copy` its arrays
+        are views that hold until the next call, and while the subscriber is open."""
         if check(LIBRARY.ec_subscriber_next(self._open(), max(0, round(1000 * timeout)))) != Status.OK:
             return None
-        return self._pose()
+        return self._pose(copy)
 
     def __iter__(self):
         """All poses from now on, without end."""
@@ -384,7 +385,7 @@ def watch(url, **options):
     pose is asked for, and while the pose is kept; copy what is to stay. Raises Error."""
     subscriber = Subscriber(url, **options)  # Ends with the last of its poses.
     while True:
-        if check(LIBRARY.ec_subscriber_next(subscriber._open(), 1000)) == Status.OK:
-            pose = subscriber._pose(copy=False)
+        pose = subscriber.next(copy=False)
+        if pose is not None:
             object.__setattr__(pose, "_subscriber", subscriber)
             yield pose

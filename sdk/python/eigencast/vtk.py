@@ -100,50 +100,52 @@ class observe:
 
 
 class Source(VTKPythonAlgorithmBase):
-    """The poses of http://host:port/stream as a vtkPolyData; options as of Subscriber. next() steps it; its output shares the memory of
-    `pose` (a Pose), which no later one overwrites: it may be kept.
+    """The poses of http://host:port/stream as a vtkPolyData; options as of Subscriber. next() steps it; what it gives is VTK's own and may
+    be kept.
 
     Point data: normals, scalars by their names, `velocity`, `colour`, and `source_vertex`: which point of the sender's each one is.
     """
 
     def __init__(self, url, **options):
         super().__init__(nInputPorts=0, nOutputPorts=1, outputType="vtkPolyData")
-        self.pose, self._cells, self._subscriber = None, vtkCellArray(), Subscriber(url, **options)
+        self._pose, self._subscriber = vtkPolyData(), Subscriber(url, **options)
 
     def next(self, timeout=1.0):
         """Takes the next pose, oldest first; False: none came within `timeout` seconds. Raises Error."""
-        pose = self._subscriber.next(timeout)
+        pose = self._subscriber.next(timeout, copy=False)
         if pose is None:
             return False
-        if self.pose is None or not numpy.array_equal(pose.triangles, self.pose.triangles):
-            starts = numpy.arange(0, 3 * len(pose.triangles) + 1, 3, dtype=numpy.int32)
-            self._cells = vtkCellArray()
-            self._cells.SetData(numpy_to_vtk(starts), numpy_to_vtk(pose.triangles.view(numpy.int32).reshape(-1)))
-        self.pose = pose
-        self.Modified()
-        return True
-
-    def fill(self, polydata):
-        """Makes `polydata` the present pose; empty before the first."""
-        polydata.Initialize()
-        pose = self.pose
-        if pose is None:
-            return
-        points = vtkPoints()
-        points.SetData(numpy_to_vtk(pose.positions))
-        polydata.SetPoints(points)
-        polydata.SetPolys(self._cells)
-        data = polydata.GetPointData()
+        made, points = vtkPolyData(), vtkPoints()
+        points.SetData(_owned(pose.positions))
+        made.SetPoints(points)
+        made.SetPolys(self._cells(pose.triangles.view(numpy.int32).reshape(-1)))
+        data = made.GetPointData()
         named = {"source_vertex": pose.source_vertex.view(numpy.int32), "velocity": pose.velocities, "colour": pose.vertex_colours}
         for i in range(pose.scalars.shape[1]):
-            named[pose.scalar_info[i].name if pose.scalar_info else f"scalar{i}"] = numpy.ascontiguousarray(pose.scalars[:, i])
+            named[pose.scalar_info[i].name if pose.scalar_info else f"scalar{i}"] = pose.scalars[:, i]
         for name, values in named.items():
             if values is not None:
-                array = numpy_to_vtk(values)
+                array = _owned(values)
                 array.SetName(name)
                 data.AddArray(array)
         if pose.normals is not None:
-            data.SetNormals(numpy_to_vtk(pose.normals))
+            data.SetNormals(_owned(pose.normals))
+        self._pose = made
+        self.Modified()
+        return True
+
+    def _cells(self, corners):
+        """Those of the pose before where they are the same, so that what comes after need not look at them again."""
+        before = self._pose.GetPolys()
+        if numpy.array_equal(vtk_to_numpy(before.GetConnectivityArray()), corners):
+            return before
+        cells = vtkCellArray()
+        cells.SetData(_owned(numpy.arange(0, corners.size + 1, 3, dtype=numpy.int32)), _owned(corners))
+        return cells
+
+    def fill(self, polydata):
+        """Makes `polydata` the present pose; empty before the first."""
+        polydata.ShallowCopy(self._pose)
 
     def RequestData(self, request, inputs, outputs):
         self.fill(vtkPolyData.GetData(outputs, 0))
@@ -158,3 +160,8 @@ class Source(VTKPythonAlgorithmBase):
 
     def close(self):
         self._subscriber.close()
+
+
+def _owned(rows):
+    """In memory of VTK's own: a later pose overwrites the library's, and VTK's shallow copies know nothing of numpy's."""
+    return numpy_to_vtk(numpy.ascontiguousarray(rows), deep=True)
