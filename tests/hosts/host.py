@@ -20,7 +20,7 @@ os.environ["EIGENCAST_LIBRARY"] = str(BUILD / "lib/libeigencast.so.0")
 os.environ["PYTHONPATH"] = str(SOURCE / "sdk/python")
 sys.path.insert(0, os.environ["PYTHONPATH"])
 _folder = tempfile.TemporaryDirectory()
-os.environ["EIGENCAST_CACHE"] = _folder.name + "/cache"
+os.environ["EIGENCAST_CACHE"] = os.environ["XDG_CACHE_HOME"] = _folder.name + "/cache"
 
 import numpy  # noqa: E402
 
@@ -32,6 +32,11 @@ def snippets(section):
     page = (SOURCE / "docs/hosts.md").read_text(encoding="utf-8")
     found = re.search(rf"^## {re.escape(section)}\n(.*?)(?=^## |\Z)", page, re.M | re.S)
     return re.findall(r"^```python\n(.*?)^```", found[1], re.M | re.S)
+
+
+def z_up(rows):
+    """Points that were sent with z up, as they arrive."""
+    return numpy.stack([rows[:, 0], rows[:, 2], -rows[:, 1]], axis=1)
 
 
 class Broker:

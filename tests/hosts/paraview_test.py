@@ -21,8 +21,7 @@ def bent(side, script):
 
 
 def points_of(proxy):
-    rows = vtk_to_numpy(servermanager.Fetch(proxy).GetPoints().GetData())
-    return numpy.stack([rows[:, 0], rows[:, 2], -rows[:, 1]], axis=1)
+    return host.z_up(vtk_to_numpy(servermanager.Fetch(proxy).GetPoints().GetData()))
 
 
 class ParaView(host.HostTest):

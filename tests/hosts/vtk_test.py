@@ -30,10 +30,6 @@ def warped(side):
     return plane, warp
 
 
-def z_up(rows):
-    return numpy.stack([rows[:, 0], rows[:, 2], -rows[:, 1]], axis=1)
-
-
 def points_of(algorithm):
     return vtk_to_numpy(algorithm.GetOutput().GetPoints().GetData())
 
@@ -48,7 +44,7 @@ class Vtk(host.HostTest):
             warp.SetScaleFactor(0.3 * math.sin(i / 10))
             warp.Update()
 
-        last = self.follow(self.origin + "/warp", 60, send, lambda i: z_up(points_of(warp)), 0.01)
+        last = self.follow(self.origin + "/warp", 60, send, lambda i: host.z_up(points_of(warp)), 0.01)
         self.assertEqual(len(last.triangles), 2 * 29 * 29)
         self.assertEqual(names["stream"].stats.bakes, 1)
         exec(self.code("VTK", 1), names)
@@ -62,7 +58,7 @@ class Vtk(host.HostTest):
         self.assertEqual(shown.GetNumberOfPolys(), 2 * 29 * 29)
         order = vtk_to_numpy(shown.GetPointData().GetArray("source_vertex"))
         kept = vtk_to_numpy(shown.GetPoints().GetData())
-        numpy.testing.assert_allclose(kept, z_up(points_of(warp))[order], atol=0.01)
+        numpy.testing.assert_allclose(kept, host.z_up(points_of(warp))[order], atol=0.01)
         before = kept.copy()
         for i in range(20):  # later poses do not write over what somebody keeps
             send(i)
@@ -155,7 +151,7 @@ class Vtk(host.HostTest):
             eigencast.vtk.observe(stream, warp)
             for side in (20, 30):
                 plane.SetResolution(side - 1, side - 1)
-                self.follow(url, 1, lambda i: warp.Update(), lambda i: z_up(points_of(warp)), 0.02)
+                self.follow(url, 1, lambda i: warp.Update(), lambda i: host.z_up(points_of(warp)), 0.02)
             self.assertEqual(stream.stats.bakes, 2)
 
     def test_what_cannot_be_sent_is_told_and_the_pipeline_goes_on(self):
