@@ -119,14 +119,15 @@ class FEniCSx(host.HostTest):
 
 
 def make(origin, n):
-    side = round(math.sqrt(n / 6)) + 1
-    domain = mesh.create_unit_cube(MPI.COMM_WORLD, side, side, side)
+    side = round(math.sqrt(n / 2))
+    domain = mesh.create_box(MPI.COMM_WORLD, [[0, 0, 0], [1, 1, 0.02]], [side, side, 2])
     boundary = eigencast.fenicsx.Boundary(fem.VectorFunctionSpace(domain, ("CG", 1)))
     u, w = fem.Function(boundary._space), fem.Function(fem.FunctionSpace(domain, ("DG", 0)))
+    nodes = boundary._space.tabulate_dof_coordinates()
     stream = eigencast.Stream(f"{origin}/{n}", scalars={"w": (0, 1, "Pa")})
 
     def advance(i):
-        u.interpolate(lambda x: numpy.stack([0 * x[0], 0.1 * math.sin(i / 10) * x[0] ** 2, 0 * x[0]]))
+        u.x.array.reshape(-1, 3)[:, 1] = 0.1 * math.sin(i / 10) * nodes[:, 0] ** 2
         w.x.array[:] = 0.5 + 0.5 * math.sin(i / 10)
 
     return stream, f"{origin}/{n}", len(boundary.vertices), advance, lambda: boundary.send(stream, u, {"w": w})

@@ -10,6 +10,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 
@@ -107,17 +108,22 @@ def measure(host, make, count=200, rate_hz=25):
                 while viewer.next(timeout=0.5):
                     pass
                 viewer.max_vertices = 1  # pictures are another program's matter
-                taken_s, came, before, start = [], [], stream.stats, time.monotonic()
+                taken_s, came, ended, before, start = [], [], threading.Event(), stream.stats, time.monotonic()
+
+                def see():
+                    while (pose := viewer.next(timeout=0.5)) is not None or not ended.is_set():
+                        came.extend([] if pose is None else [pose.sequence])
+
+                seeing = threading.Thread(target=see)
+                seeing.start()
                 for i in range(1, count + 1):
                     advance(i)
                     at = time.perf_counter()
                     send()
                     taken_s.append(time.perf_counter() - at)
-                    while (left := start + i / rate_hz - time.monotonic()) > 0:
-                        pose = viewer.next(timeout=left)
-                        came += [] if pose is None else [pose.sequence]
-                while (pose := viewer.next(timeout=1)) is not None:
-                    came.append(pose.sequence)
+                    time.sleep(max(0, start + i / rate_hz - time.monotonic()))
+                ended.set()
+                seeing.join()
                 after = stream.stats
             ordered = came == list(range(came[0], came[0] + len(came)))
             print(f"{host} | {points} points | {1e3 * statistics.median(taken_s):.2f} ms a pose | sent {after.poses_sent - before.poses_sent} of {count}, "

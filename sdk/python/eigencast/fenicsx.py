@@ -60,8 +60,12 @@ class Boundary:
         if W.dofmap.index_map_bs != 1:
             raise ValueError(f"{name} has {W.dofmap.index_map_bs} components: a scalar has one")
         if id(W) not in self._places:
-            self._places[id(W)] = W, self._corners_of(W).ravel()[self._used]
+            places, first = self._corners_of(W).ravel()[self._used], numpy.empty(len(self.vertices), dtype=numpy.int64)
+            first[self._point] = places
+            self._places[id(W)] = W, first if (first[self._point] == places).all() else places
         values = numpy.real(function.x.array)[self._places[id(W)][1]]
+        if len(values) == len(self.vertices):  # each point has one node
+            return values
         return numpy.bincount(self._point, weights=values, minlength=len(self.vertices)) / self._uses
 
     def _moved(self, u, factor):
