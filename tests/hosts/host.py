@@ -14,7 +14,7 @@ import threading
 import time
 import unittest
 
-BUILD, SOURCE = (pathlib.Path(word) for word in sys.argv[1:3])
+BUILD, SOURCE = (pathlib.Path(word).resolve() for word in sys.argv[1:3])
 MEASURE = "--measure" in sys.argv
 sys.dont_write_bytecode = True
 os.environ["EIGENCAST_LIBRARY"] = str(BUILD / "lib/libeigencast.so.0")
