@@ -50,8 +50,10 @@ if (isPackage) {
   const { metafile } = await build({ ...split, entryPoints: { page: here('src/page/page.ts'), ...worker } });
   await build({ ...options, entryPoints: { internals: here('src/internals.ts') } });
   await build({ ...options, entryPoints: { page: here('src/page/page.css') } });
-  const entry = Object.values(metafile.outputs).find((one) => one.entryPoint?.endsWith('src/page/page.ts'));
-  const chunks = entry.imports.filter(({ kind }) => kind === 'import-statement').map(({ path }) => `<link rel="modulepreload" href="{web}${basename(path)}">`);
+  // The worker takes what the page has fetched, too.
+  const loaded = Object.entries(metafile.outputs).filter(([, { entryPoint }]) => /src\/(page\/page|worker\/index)\.ts$/.test(entryPoint));
+  const files = new Set(loaded.flatMap(([path, { imports }]) => [path, ...imports.filter(({ kind }) => kind === 'import-statement').map((one) => one.path)]).map((path) => basename(path)));
+  const chunks = [...files].filter((file) => file !== 'page.js').map((file) => `<link rel="modulepreload" href="{web}${file}">`);
   const page = readFileSync(here('src/page/index.html'), 'utf8').replace('<!-- {preload} -->', chunks.join('\n'));
   writeFileSync(join(outdir, 'page.html'), page.replace(/\n+/g, '\n'));
 }

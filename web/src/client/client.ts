@@ -19,6 +19,8 @@ export interface ConnectOptions {
   /** The worker that does the work, or false: this thread does. Default: worker.js beside this file. */
   worker?: Worker | URL | string | false;
   environment?: Partial<Environment>;
+  /** Called at once: what it watches is asked for while the core is on its way. */
+  meanwhile?: (broker: Broker) => void;
 }
 export interface WatchOptions {
   profile?: Profile;
@@ -26,6 +28,8 @@ export interface WatchOptions {
   maxBytes?: number;
   /** The first, coarse part of the surface is enough, as for a small picture. */
   isPreview?: boolean;
+  /** The id of the surface that it probably has, which is fetched beside the question. */
+  expects?: string;
   /** How long until a broker that declined the stream is asked again (default: 5,000). */
   declinedRetryMs?: number;
 }
@@ -131,7 +135,7 @@ export class Stream extends Events<StreamEvents> {
 export class Broker {
   readonly #url: BrokerUrl;
   /** The core, compiled: for a Stage. */
-  readonly module: WebAssembly.Module;
+  module!: WebAssembly.Module;
   readonly #environment: Environment;
   readonly #post: (message: ToWorker, transfer?: Transferable[]) => void;
   readonly #ended: () => void;
@@ -139,10 +143,9 @@ export class Broker {
   #keys = 0;
 
   private constructor(
-    url: BrokerUrl, module: WebAssembly.Module, environment: Environment, post: (message: ToWorker, transfer?: Transferable[]) => void, ended: () => void,
+    url: BrokerUrl, environment: Environment, post: (message: ToWorker, transfer?: Transferable[]) => void, ended: () => void,
   ) {
     this.#url = url;
-    this.module = module;
     this.#environment = environment;
     this.#post = post;
     this.#ended = ended;
@@ -156,33 +159,38 @@ export class Broker {
       const { Session } = await import('./session.js');
       const module = await compiling, core = await Core.make(module);
       const session = new Session(core, environment, url, (message) => broker.#receive(message));
-      const broker = new Broker(url, module, environment, (message) => session.receive(message), () => {});
+      const broker = new Broker(url, environment, (message) => session.receive(message), () => {});
+      broker.module = module;
+      options.meanwhile?.(broker);
       return broker;
     }
     // It starts while the core is on its way.
     const given = options.worker ?? defaults.worker;
     const worker = typeof given === 'string' || given instanceof URL ? workerAt(new URL(given, globalThis.location?.href)) : given;
     let failed = '';
-    worker.onerror = (event) => (failed = workerFailure(event));
-    const module = await compiling.catch((error: unknown) => {
+    const broker = new Broker(url, environment, (message, transfer = []) => worker.postMessage(message, transfer), () => worker.terminate());
+    worker.onmessage = ({ data }: MessageEvent<ToPage>) => broker.#receive(data);
+    worker.onerror = (event) => broker.#fail((failed = workerFailure(event)));
+    broker.#post({ op: 'begin', broker: url });
+    try {
+      options.meanwhile?.(broker);
+      broker.#post({ op: 'core', module: (broker.module = await compiling) });
+    } catch (error) {
+      compiling.catch(() => {});
       worker.terminate();
       throw error;
-    });
-    const broker = new Broker(url, module, environment, (message, transfer = []) => worker.postMessage(message, transfer), () => worker.terminate());
-    worker.onmessage = ({ data }: MessageEvent<ToPage>) => broker.#receive(data);
-    worker.onerror = (event) => broker.#fail(workerFailure(event));
-    broker.#post({ op: 'begin', module, broker: url });
+    }
     if (failed !== '') setTimeout(() => broker.#fail(failed));
     return broker;
   }
 
-  watch(stream: string, { profile = {}, maxBytes = MAX_BYTES, isPreview = false, declinedRetryMs }: WatchOptions = {}): Stream {
+  watch(stream: string, { profile = {}, maxBytes = MAX_BYTES, isPreview = false, expects, declinedRetryMs }: WatchOptions = {}): Stream {
     const key = ++this.#keys;
     const made = new Stream(checkedName(stream), key, this.#post, () => void this.#streams.delete(key));
     this.#streams.set(key, made);
     // After the caller has put its listeners on.
     queueMicrotask(() => {
-      if (this.#streams.has(key)) this.#post({ op: 'watch', key, stream, profile, maxBytes, isPreview, ...(declinedRetryMs === undefined ? {} : { declinedRetryMs }) });
+      if (this.#streams.has(key)) this.#post({ op: 'watch', key, stream, profile, maxBytes, isPreview, ...(expects === undefined ? {} : { expects }), ...(declinedRetryMs === undefined ? {} : { declinedRetryMs }) });
     });
     return made;
   }
@@ -259,6 +267,7 @@ export async function compiled(core: string | URL | BufferSource | WebAssembly.M
   if (typeof core !== 'string' && !(core instanceof URL)) return WebAssembly.compile(core);
   const answer = await environment.fetch(String(core));
   if (!answer.ok) throw new EigencastError('not-found', `${core} answered ${answer.status}`);
+  if (answer.headers.get('Content-Type') === 'application/wasm') return WebAssembly.compileStreaming(answer);
   return WebAssembly.compile(await answer.arrayBuffer());
 }
 
@@ -270,8 +279,8 @@ export function connect(url: string, options: ConnectOptions = {}): Promise<Brok
 /** One stream by its URL, such as https://host/lab/horse?rate=raw, over a connection of its own, which ends with it. */
 export async function watch(url: string, options: ConnectOptions & WatchOptions = {}): Promise<Stream> {
   const { broker: where, stream, query } = await locatedUrl(url, options.token, surroundings(options.environment));
-  const broker = await Broker.make(where, options);
-  const watched = broker.watch(stream, { ...options, profile: { ...profileIn(query), ...options.profile } });
+  let watched!: Stream;
+  const broker = await Broker.make(where, { ...options, meanwhile: (made) => (watched = made.watch(stream, { ...options, profile: { ...profileIn(query), ...options.profile } })) });
   const close = watched.close.bind(watched);
   watched.close = () => {
     close();

@@ -43,7 +43,13 @@ interface Stream {
 /** Of many streams half as often: brokers wait for 100 ms more than the round trip. */
 const ACK_INTERVAL_US = 33_000, MANY_STREAMS = 8, MANY_ACK_INTERVAL_US = 70_000, PING_INTERVAL_US = 250_000, SILENCE_US = 10_000_000;
 const TICK_MS = 40, CONNECT_TIMEOUT_MS = 3000, DECLINED_RETRY_MS = 5000;
+export const SUBPROTOCOL = 'eigencast.v2';
 const MAX_ACKS = 64, MAX_UNSENT_BYTES = 1 << 20;
+
+/** Of one stream, or of none yet. */
+export function subscribeUrl(broker: BrokerUrl, request: Request | undefined, scheme: 'ws' | 'http' = 'ws'): string {
+  return endpoint(broker, `/v1/subscribe${request ? `/${request.stream}` : ''}`, request ? queryFrom(request.profile) : '', scheme);
+}
 
 /**
  * One connection to a broker, shared by all streams that are watched there; it reconnects by itself and subscribes to
@@ -145,11 +151,10 @@ export class BrokerConnection {
   #connect(): void {
     const [only, another] = this.#streams;
     this.#urlStream = only && !another && !only.isPaused ? only.request.stream : '';
-    const path = this.#urlStream === '' ? '/v1/subscribe' : `/v1/subscribe/${this.#urlStream}`;
-    const query = this.#urlStream === '' ? '' : queryFrom(only!.request.profile);
+    const asked = this.#urlStream === '' ? undefined : only!.request;
     let socket: WebSocket;
     try {
-      socket = new this.#environment.WebSocket(endpoint(this.#broker, path, query, 'ws'), 'eigencast.v2');
+      socket = new this.#environment.WebSocket(subscribeUrl(this.#broker, asked), SUBPROTOCOL);
     } catch (error) {
       // Mixed content: a page of https:// must not open ws://.
       this.#over({ code: 'refused', message: `no WebSocket at ${this.#where}: ${(error as Error).message}`, refused: true }, undefined);
@@ -176,8 +181,7 @@ export class BrokerConnection {
       clearTimeout(timer);
       if (!isCurrent()) return;
       if (this.#openedUs !== undefined) return this.#end(socket, failureOfClose(this.#where, code, reason));
-      const asked = endpoint(this.#broker, path, query, 'http');
-      void failureOfHandshake(this.#environment, asked, this.#where, this.#broker.token !== '').then((failure) => {
+      void failureOfHandshake(this.#environment, subscribeUrl(this.#broker, asked, 'http'), this.#where, this.#broker.token !== '').then((failure) => {
         if (isCurrent()) this.#end(socket, failure);
       });
     };

@@ -46,7 +46,8 @@ export interface Rebuilt {
 }
 
 export type ToWorker =
-  | { op: 'begin'; module: WebAssembly.Module; broker: BrokerUrl }
+  | { op: 'begin'; broker: BrokerUrl }
+  | { op: 'core'; module: WebAssembly.Module }
   | ({ op: 'watch'; key: number } & Request & Limits)
   | { op: 'profile'; key: number; profile: Profile }
   | { op: 'pause'; key: number; isPaused: boolean }

@@ -35,6 +35,7 @@ export class Session {
   receive(message: ToWorker): void {
     switch (message.op) {
       case 'begin':
+      case 'core':
         return;
       case 'watch':
         return this.#watch(message);
@@ -103,7 +104,7 @@ export class Session {
       return to;
     };
     const geometry = {
-      epoch: shown.info.epoch,
+      epoch: shown.info!.epoch,
       vertices: made.vertices,
       level: made.level,
       positions: copied(made.positions, room?.positions),
@@ -113,6 +114,7 @@ export class Session {
       triangles: isKnown ? undefined : made.triangles.slice(),
       trianglesVersion: made.trianglesVersion,
     };
+    shown.rebuilt();
     const numbered = numbers && watched.surface.numbers(shown.reader, numbers.coefficients, numbers.isLength);
     return { ...geometry, numbers: numbered?.values.slice(), range: numbered?.range, tookMs: (this.#environment.nowUs() - started) / 1000 };
   }

@@ -121,6 +121,7 @@ export class Subscription implements Listener {
       connection.join(request, this);
     } catch (error) {
       this.#frames.free();
+      this.surfaces.end();
       throw error;
     }
     this.#tell();
@@ -173,8 +174,8 @@ export class Subscription implements Listener {
     this.#isDeclined = false;
     this.#retryAtUs = undefined;
     this.#notice = '';
-    if (this.surfaces.announce(info)) this.#held = undefined;
     this.#observer.onInfo(info);
+    if (this.surfaces.announce(info)) this.#held = undefined;
     this.#tell();
   }
   onMemory(memory: Remember): void {
@@ -234,7 +235,7 @@ export class Subscription implements Listener {
     const shown = this.surfaces.shown;
     if (shown?.reader) {
       this.#observer.onSurface({
-        epoch: shown.info.epoch, asset: shown.asset, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
+        epoch: shown.info!.epoch, asset: shown.asset, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
       });
     }
     if (shown?.isFinished && this.#imageOf !== shown) {

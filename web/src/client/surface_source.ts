@@ -7,6 +7,8 @@ import { ObjectFetcher } from './objects.js';
 import type { BrokerUrl } from './url.js';
 
 const MAX_MANIFEST_BYTES = 16 << 20;
+/** How often, and for how long at most, a first picture's surface is rebuilt before detail takes the core: for its box, and for its pose. */
+const FIRST_REBUILDS = 2, FIRST_MS = 300;
 
 /** What of a surface is wanted. */
 export interface Limits {
@@ -14,6 +16,8 @@ export interface Limits {
   maxBytes: number;
   /** Its first, coarse part is enough, as for a small picture. */
   isPreview?: boolean;
+  /** The surface that will probably be announced: it is fetched meanwhile. */
+  expects?: string;
 }
 
 /** One asset on its way: first from a prefix of its first chunk, with the lowest band alone, then whole, chunk by chunk. */
@@ -25,13 +29,19 @@ export class Arriving {
   damage = '';
   readonly fetcher: ObjectFetcher;
 
-  constructor(readonly asset: string, public info: StreamInfo, environment: Environment, broker: BrokerUrl, readonly isPreview = false) {
+  constructor(readonly asset: string, public info: StreamInfo | undefined, environment: Environment, broker: BrokerUrl, readonly isPreview = false) {
     this.fetcher = new ObjectFetcher(environment, broker);
   }
   get isFinished(): boolean {
     return this.reader !== undefined && this.reader.isComplete && !this.isPrefix;
   }
   isPrefix = false;
+  #rebuilds = 0;
+  #seen = (): void => {};
+  /** Says that it was rebuilt. */
+  rebuilt(): void {
+    if (++this.#rebuilds === FIRST_REBUILDS) this.#seen();
+  }
   goesOnAs(asset: string): boolean {
     return this.asset === asset && this.damage === '';
   }
@@ -49,9 +59,11 @@ export class Arriving {
       for (let i = 0; i < whole.chunkCount; ++i) this.totalBytes += whole.chunk(i).bytes;
       this.checkFormat(whole.facts.rank);
       const prefix = await this.#showPrefix(core, manifest, maxBytes, grown);
+      const seen = prefix && new Promise<void>((resolve) => setTimeout((this.#seen = resolve), FIRST_MS));
       while (!whole.isComplete && this.damage === '') {
         const { id, bytes } = whole.chunk(whole.next);
         const chunk = await this.fetcher.get({ id, maxBytes: bytes }, (got) => core.sha256(got) === id, whole.next === 0 ? prefix : undefined);
+        await seen;
         if (!chunk || this.fetcher.isStopped) return;
         whole.add(chunk);
         if (this.reader !== whole) this.#show(whole, false);
@@ -96,7 +108,7 @@ export class Arriving {
   }
   /** The announced poses may not deform this surface. */
   checkFormat(rank: number): void {
-    const format = this.info.format;
+    const format = this.info?.format;
     const why = format === undefined ? '' : rank !== format.rows ? `its basis has ${rank} columns, the stream's poses have ${format.rows}`
       : format.channels < 3 ? 'its poses have fewer than three channels' : '';
     if (why === '') return;
@@ -126,6 +138,7 @@ export class SurfaceSource {
     this.#broker = broker;
     this.#limits = limits;
     this.#changed = changed;
+    if (limits.expects !== undefined) this.#begin(limits.expects);
   }
 
   get latest(): Arriving | undefined {
@@ -135,11 +148,11 @@ export class SurfaceSource {
   announce(info: StreamInfo): boolean {
     if (info.state === 'waiting' || info.asset === undefined) return false;
     const adopt = (arriving: Arriving): void => {
-      const isOther = arriving.info.epoch !== info.epoch;
+      const isOther = arriving.info?.epoch !== info.epoch;
       arriving.info = info;
       if (!arriving.reader) return;
       arriving.checkFormat(arriving.reader.facts.rank);
-      if (isOther) this.#changed();  // Poses of the new epoch are this surface's, too.
+      if (isOther) this.#grown(arriving);  // Poses of the new epoch are this surface's, too.
     };
     if (this.latest?.goesOnAs(info.asset)) {
       adopt(this.latest);
@@ -151,26 +164,31 @@ export class SurfaceSource {
       adopt(this.shown);
       return true;
     }
-    const arriving = (this.pending = new Arriving(info.asset, info, this.#environment, this.#broker, this.#limits.isPreview));
-    void arriving.run(this.#core, this.#limits.maxBytes, () => {
-      if (arriving === this.pending && arriving.reader) {
-        this.shown?.end();
-        this.shown = arriving;
-        this.pending = undefined;
-      }
-      if (arriving === this.shown || arriving === this.pending) this.#changed();
-    });
+    this.#begin(info.asset, info);
     return true;
   }
   isShown(epoch: number): boolean {
-    return this.shown?.reader !== undefined && this.shown.info.epoch === epoch;
+    return this.shown?.reader !== undefined && this.shown.info?.epoch === epoch;
   }
   isPending(epoch: number): boolean {
-    return this.pending !== undefined && this.pending.info.epoch === epoch;
+    return this.pending?.info?.epoch === epoch;
   }
   end(): void {
     this.pending?.end();
     this.shown?.end();
     this.pending = this.shown = undefined;
+  }
+
+  #begin(asset: string, info?: StreamInfo): void {
+    const arriving = (this.pending = new Arriving(asset, info, this.#environment, this.#broker, this.#limits.isPreview));
+    void arriving.run(this.#core, this.#limits.maxBytes, () => this.#grown(arriving));
+  }
+  #grown(arriving: Arriving): void {
+    if (arriving === this.pending && arriving.reader && arriving.info) {
+      this.shown?.end();
+      this.shown = arriving;
+      this.pending = undefined;
+    }
+    if (arriving === this.shown || arriving === this.pending) this.#changed();
   }
 }

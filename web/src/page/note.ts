@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 import type { Status } from '../client/subscription.js';
-import { command, part } from './parts.js';
-import { textFromDownload } from './words.js';
 
 /** What the person can do about a state. */
 export interface Remedies {
@@ -10,10 +8,22 @@ export interface Remedies {
   token(token: string): void;
 }
 
+/** Of the page: what both had would be a file of its own. */
+export interface Kit {
+  part: typeof import('./parts.js').part;
+  command: typeof import('./parts.js').command;
+}
+
 /** Where there is nothing to see yet: what is going on, why, and what to do. */
 export class Note {
-  readonly element = part('section', { class: 'note', hidden: true });
+  readonly element: HTMLElement;
+  readonly #kit: Kit;
   #said = '';
+
+  constructor(element: HTMLElement, kit: Kit) {
+    this.element = element;
+    this.#kit = kit;
+  }
 
   hide(): void {
     this.element.hidden = true;
@@ -21,6 +31,7 @@ export class Note {
   }
   /** `where`: the stream's URL. Keeps what was typed while the state stays. */
   show(status: Status, where: string, remedies: Remedies): void {
+    const { part, command } = this.#kit;
     this.element.hidden = false;
     const { state, detail } = status, asksForToken = state === 'refused' && /answered 40[13]/.test(detail);
     if (state === 'downloading') return this.#tell('downloading', () => this.#download(status), () => this.#progress(status));
@@ -44,6 +55,7 @@ export class Note {
   }
   /** What nothing can be done about from here. */
   fail(title: string, why: string): void {
+    const { part } = this.#kit;
     this.element.hidden = false;
     this.#tell(why, () => [part('h2', {}, title), part('p', {}, why)]);
   }
@@ -54,6 +66,7 @@ export class Note {
     update();
   }
   #download(status: Status): Node[] {
+    const { part } = this.#kit;
     return [part('h2', {}, 'Downloading the surface'), part('p', {}, status.detail), part('progress', { 'aria-label': 'Download' })];
   }
   #progress({ asset, detail }: Status): void {
@@ -62,6 +75,7 @@ export class Note {
     line.textContent = asset.totalBytes > 0 && detail === 'downloading the surface' ? textFromDownload(asset) : detail;
   }
   #tokenForm(remedies: Remedies): HTMLElement {
+    const { part } = this.#kit;
     const input = part('input', { type: 'password', name: 'token', autocomplete: 'off', 'aria-label': 'Token', placeholder: 'Token' });
     const form = part('form', {}, input, part('button', { class: 'button' }, 'Use it'));
     form.addEventListener('submit', (event) => {
@@ -70,4 +84,9 @@ export class Note {
     });
     return form;
   }
+}
+
+/** "4.1 of 11.3 MB" */
+function textFromDownload({ downloadedBytes, totalBytes }: Status['asset']): string {
+  return `${(downloadedBytes / 1e6).toFixed(1)} of ${(totalBytes / 1e6).toFixed(1)} MB`;
 }

@@ -5,8 +5,8 @@ import type { Stage } from '../view/stage.js';
 import { View } from '../view/view.js';
 import { COMMANDS, commandFor, type Command, type Desk } from './commands.js';
 import type { Hud } from './hud.js';
-import { Note } from './note.js';
-import { copy, icon, part } from './parts.js';
+import type { Note } from './note.js';
+import { command, copy, icon, part } from './parts.js';
 import { keepToken, linkOf, type Place } from './place.js';
 import type { Recording } from './recording.js';
 import { bannerOf } from './words.js';
@@ -25,7 +25,8 @@ export class StreamPage implements Desk {
   readonly #stage: Stage;
   #hud: Hud | undefined;
   #hasFigures = false;
-  readonly #note = new Note();
+  readonly #note = part('section', { class: 'note', hidden: true });
+  #noted: Promise<Note> | undefined;
   readonly #state = part('span', { class: 'state' }, 'connecting');
   readonly #banner = part('div', { class: 'banner', role: 'status', hidden: true });
   readonly #main: HTMLElement;
@@ -44,7 +45,7 @@ export class StreamPage implements Desk {
     this.#stage = stage;
     this.#stream = stream;
     const canvas = part('canvas', { tabindex: '0', role: 'img' });
-    this.#main = part('main', { class: place.isEmbedded ? 'viewer embed' : 'viewer' }, canvas, this.#head(), this.#banner, this.#note.element, this.#tools(), this.#help);
+    this.#main = part('main', { class: place.isEmbedded ? 'viewer embed' : 'viewer' }, canvas, this.#head(), this.#banner, this.#note, this.#tools(), this.#help);
     document.body.replaceChildren(this.#main);
     document.title = `${place.stream} - Eigencast`;
     this.view = new View(stage, canvas, stream);
@@ -58,7 +59,7 @@ export class StreamPage implements Desk {
     }
     stream.on('status', () => this.#onStatus());
     stream.on('surface', () => this.#onStatus());
-    const fail = ({ message }: Error): void => this.#note.fail('The stream cannot be shown', message);
+    const fail = ({ message }: Error): void => this.#withNote((note) => note.fail('The stream cannot be shown', message));
     stream.on('error', fail);
     setInterval(() => (this.#refreshBanner(), void this.#refreshLegend()), BANNER_MS);
     document.addEventListener('keydown', (event) => this.#onKey(event));
@@ -195,16 +196,21 @@ export class StreamPage implements Desk {
     }
     this.#state.title = status.detail;
     view.canvas.setAttribute('aria-label', `${this.#place.stream}, a moving surface: ${status.detail || status.state}`);
-    if (this.#stream.surface) this.#note.hide();
-    else {
-      this.#note.show(status, linkOf({ ...this.#place, query: new URLSearchParams() }), {
+    if (this.#stream.surface) {
+      if (this.#noted) this.#withNote((note) => note.hide());
+    } else {
+      this.#withNote((note) => note.show(status, linkOf({ ...this.#place, query: new URLSearchParams() }), {
         retry: () => this.#broker.retryNow(),
         token: (token) => {
           keepToken(this.#place.base, token);
           location.reload();
         },
-      });
+      }));
     }
+  }
+  /** Loaded where it has something to say. */
+  #withNote(say: (note: Note) => void): void {
+    void (this.#noted ??= import('./note.js').then(({ Note }) => new Note(this.#note, { part, command }))).then(say);
   }
   #refreshBanner(): void {
     const now = Date.now(), status = this.#stream.status;

@@ -3,11 +3,6 @@ import type { Status } from '../client/subscription.js';
 
 // What the page says about a stream, in the words of the native client (client/hud_text.cpp).
 
-/** "4.1 of 11.3 MB" */
-export function textFromDownload({ downloadedBytes, totalBytes }: Status['asset']): string {
-  return `${(downloadedBytes / 1e6).toFixed(1)} of ${(totalBytes / 1e6).toFixed(1)} MB`;
-}
-
 /** Over the picture while nothing new comes; empty: nothing to say. */
 export function bannerOf({ state, detail }: Status, newestMs: number | undefined, nowMs: number): string {
   if (newestMs === undefined || state === 'live' || state === 'downloading') return '';

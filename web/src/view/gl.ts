@@ -12,9 +12,12 @@ export class Program {
   #shaders: WebGLShader[] = [];
   #program: WebGLProgram | undefined;
   #isReady = false;
+  /** Of a program that is being made: asking more than whether it is done would wait. */
+  readonly #parallel: KHR_parallel_shader_compile | null;
 
   constructor(gl: GL, name: string, vertex: string, fragment: string) {
     this.#gl = gl;
+    this.#parallel = gl.getExtension('KHR_parallel_shader_compile');
     this.#name = name;
     this.#sources = [vertex, fragment];
   }
@@ -24,6 +27,10 @@ export class Program {
     if (!this.#isReady) this.#finish(this.#program!);
     this.#gl.useProgram(this.#program!);
     return this;
+  }
+  /** Using it would not wait. */
+  get isMade(): boolean {
+    return this.#isReady || !this.#program || !this.#parallel || this.#gl.isContextLost() || (this.#gl.getProgramParameter(this.#program, this.#parallel.COMPLETION_STATUS_KHR) as boolean);
   }
   /** Has it compiled and linked, beside what else goes on: only questions about it would wait. */
   start(): void {

@@ -35,6 +35,9 @@ export class Lighting {
     gl.readBuffer(gl.NONE);
   }
 
+  get isMade(): boolean {
+    return this.#shadow.isMade;
+  }
   /** Puts the lights beside the camera and draws the shadow map. */
   cast(camera: Camera, surfaces: readonly GlSurface[]): void {
     const gl = this.#gl, up = camera.upVector;

@@ -4,6 +4,7 @@ import type { Rebuilt } from '../client/protocol.js';
 import type { Pose, Status, Surface } from '../client/subscription.js';
 import { EigencastError, type Core } from '../core/module.js';
 import { Playout, type PlayoutSettings, type Shown } from '../core/playout.js';
+import { nowUs } from './clock.js';
 import { dot, IDENTITY, type Mat4, type Vec3 } from './matrix.js';
 import type { NumberPainter } from './numbers.js';
 
@@ -162,6 +163,7 @@ export class LiveSurface {
     if (this.#coefficients === surface.rest) this.#channels = 3;
     this.#isStale = true;
     if (!this.box || surface.isComplete) void this.#measure(surface);
+    if (!this.#drawn) setTimeout(() => this.advance(nowUs(), Infinity));  // Of its pose, which is behind it; no turn is waited for.
     this.#changed(undefined);
   }
   #onStatus({ state }: Status): void {

@@ -2,9 +2,10 @@
 import {
   kFinishFragment, kLighting, kLineFragment, kMeshFragment, kMeshPaint, kMeshVertex, kPaint, kScreenVertex, kSplatFragment, kSplatVertex,
 } from '../../../view/shaders.h';
+import type { Rebuilt } from '../client/protocol.js';
 import { FIELD_OF_VIEW, type Camera } from './camera.js';
 import { bindTexture, Program, setFilter, type GL } from './gl.js';
-import { NUMBERS, PAINTS, UV, type GlSurface } from './gl_surface.js';
+import { GlSurface, NUMBERS, PAINTS, UV } from './gl_surface.js';
 import { Lighting } from './lighting.js';
 import { product } from './matrix.js';
 import type { Style } from './style.js';
@@ -31,6 +32,7 @@ export class Renderer {
   readonly #finish: Program;
   readonly #none: WebGLVertexArrayObject;
   readonly #table: WebGLTexture;
+  #isWarm = false;
 
   constructor(gl: GL) {
     this.#gl = gl;
@@ -50,6 +52,10 @@ export class Renderer {
     setFilter(gl, gl.LINEAR);
   }
 
+  /** Drawing does not wait for shaders. */
+  get isMade(): boolean {
+    return this.#isWarm || (this.#mesh.isMade && this.#lighting.isMade && this.#surroundings.isMade);
+  }
   /** Colours of numbers, RGBA, from now on. */
   useTable(colours: Uint8Array): void {
     const gl = this.#gl;
@@ -59,7 +65,7 @@ export class Renderer {
 
   /** To a part of the canvas. */
   draw(all: readonly GlSurface[], camera: Camera, style: Style, tile: Tile, pixelScale: number): void {
-    const gl = this.#gl, surfaces = all.filter((surface) => surface.isDrawable);
+    const gl = this.#gl, there = all.filter((surface) => surface.isDrawable), surfaces = there.length > 0 ? there : this.#warmUp();
     const paint = PAINTS[style.colour] ?? NUMBERS;
     for (const surface of surfaces) surface.paint = paint;
     this.#lighting.cast(camera, style.shadow ? surfaces : []);
@@ -73,7 +79,7 @@ export class Renderer {
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     if (style.wall) this.#surroundings.drawWall();
     this.#lighting.bind();
-    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, surfaces.length > 0, pixelScale);
+    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, there.length > 0, pixelScale);
     gl.enable(gl.DEPTH_TEST);
     this.#drawMeshes(surfaces.filter((surface) => !surface.isCloud && !style.points), camera, style);
     this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale);
@@ -83,6 +89,14 @@ export class Renderer {
     gl.disable(gl.SCISSOR_TEST);
   }
 
+  /** Drivers finish shaders when something is first drawn with them: that is a face without area, while no surface is there. */
+  #warmUp(): GlSurface[] {
+    if (this.#isWarm) return [];
+    this.#isWarm = true;
+    const nothing = new GlSurface(this.#gl), zeros = new Float32Array(9);
+    nothing.upload({ vertices: 3, level: 3, positions: zeros, normals: zeros, triangles: new Uint32Array(3) } as Rebuilt, false, 0);
+    return [nothing];
+  }
   #drawMeshes(surfaces: readonly GlSurface[], camera: Camera, style: Style): void {
     if (surfaces.length === 0) return;
     const gl = this.#gl;

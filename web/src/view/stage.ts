@@ -4,6 +4,7 @@ import { defaults } from '../client/defaults.js';
 import { surroundings } from '../client/environment.js';
 import { Levels, type LevelObject } from '../core/levels.js';
 import { Core, EigencastError } from '../core/module.js';
+import { nowUs } from './clock.js';
 import type { GL } from './gl.js';
 import { Renderer } from './renderer.js';
 import type { Tile } from './target.js';
@@ -27,9 +28,6 @@ export interface Picture {
   to: CanvasRenderingContext2D;
   paint(renderer: Renderer, tile: Tile): void;
 }
-
-/** Microseconds on the clock that the worker shares. */
-export const nowUs = (): number => Math.round((performance.timeOrigin + performance.now()) * 1000);
 
 /**
  * What the pictures of a page share: one GL context, for browsers give few; the display's turns; and the levels of
@@ -185,6 +183,7 @@ export class Stage {
     for (const view of views) view.advance(now, levels && view.levelObject() ? levels[next++]! : view.maxVertices);
   }
   #drawChanged(): void {
+    if (!this.#renderer?.isMade) return;
     const views = [...this.#changed];
     this.#changed.clear();
     if (views.length > 0) this.draw(views.map((view) => view.nextPicture()));

@@ -31,6 +31,9 @@ export class Surroundings {
     gl.enableVertexAttribArray(0);
   }
 
+  get isMade(): boolean {
+    return this.#wall.isMade && this.#floor.isMade;
+  }
   drawWall(): void {
     const gl = this.#gl;
     gl.disable(gl.DEPTH_TEST);

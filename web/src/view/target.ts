@@ -14,7 +14,6 @@ export interface Tile {
 /** Where a picture is drawn, several samples a pixel; what is drawn is copied to the canvas, or read as textures. */
 export class Target {
   readonly #gl: GL;
-  readonly #samples: number;
   readonly #sampled: WebGLFramebuffer;
   readonly #resolved: WebGLFramebuffer;
   readonly #buffers: WebGLRenderbuffer[];
@@ -26,7 +25,6 @@ export class Target {
 
   constructor(gl: GL) {
     this.#gl = gl;
-    this.#samples = Math.min(SAMPLES, gl.getParameter(gl.MAX_SAMPLES) as number);
     this.#sampled = gl.createFramebuffer();
     this.#resolved = gl.createFramebuffer();
     this.#buffers = [gl.createRenderbuffer(), gl.createRenderbuffer()];
@@ -42,9 +40,10 @@ export class Target {
     this.#width = Math.max(width, this.#width);
     this.#height = Math.max(height, this.#height);
     this.#hasTextures = false;
+    const samples = Math.min(SAMPLES, gl.getParameter(gl.MAX_SAMPLES) as number);  // Asking waits for the GPU.
     [[gl.RGBA8, gl.COLOR_ATTACHMENT0], [gl.DEPTH_COMPONENT24, gl.DEPTH_ATTACHMENT]].forEach(([format, attachment], i) => {
       gl.bindRenderbuffer(gl.RENDERBUFFER, this.#buffers[i]!);
-      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, this.#samples, format!, this.#width, this.#height);
+      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, format!, this.#width, this.#height);
       gl.framebufferRenderbuffer(gl.FRAMEBUFFER, attachment!, gl.RENDERBUFFER, this.#buffers[i]!);
     });
   }

@@ -58,7 +58,7 @@ async function onPage(url, use, { size = [WIDTH, HEIGHT] } = {}) {
 test('AStreamIsShownFromBeforeItBeginsUntilItsSenderHasGone', async () => {
   await onPage(`${site.url}/lab/heart`, async (tab) => {
     await tab.until(hasState('waiting'));
-    assert.match(await tab.evaluate("document.querySelector('.note').innerText"), /Waiting for a sender.*eigencast-sender play heart --to ws:\/\/[^ ]*\/lab\/heart/s);
+    assert.match(await tab.until("document.querySelector('.note').innerText"), /Waiting for a sender.*eigencast-sender play heart --to ws:\/\/[^ ]*\/lab\/heart/s);
     assert.match(await tab.evaluate("document.querySelector('canvas').getAttribute('aria-label')"), /lab\/heart.*waiting for a sender/);
     const { nodes } = await tab.send('Accessibility.getFullAXTree', {});
     const nameless = nodes.filter(({ ignored, role, name }) => !ignored && /^(button|link|image|textbox|toolbar)$/.test(role?.value) && !name?.value);

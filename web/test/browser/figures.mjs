@@ -19,17 +19,25 @@ const said = (values) => `p50 ${part(values, 0.5).toFixed(0)}, p95 ${part(values
 const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // Of the page, from its navigation on: when the first pixels of its surface are there, and when all of the surface is.
+// A surface's faces must have been drawn before pixels are read, for reading waits for the GPU and so holds the page up.
 const WATCH = `(() => {
+  const context = WebGL2RenderingContext.prototype, drawElements = context.drawElements;
+  let isDrawn = false;
+  context.drawElements = function (mode, count, ...more) {
+    isDrawn ||= count > 3;
+    return drawElements.call(this, mode, count, ...more);
+  };
   const look = () => {
     const from = document.querySelector('canvas');
-    if (!window.firstPicture && from && from.width > 1) {
+    if (!window.firstPicture && isDrawn && from && from.width > 1) {
       const to = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
       [to.canvas.width, to.canvas.height] = [64, 40];
       to.drawImage(from, 0, 0, 64, 40);
       const data = to.getImageData(0, 0, 64, 40).data;
       for (let i = 0; i < data.length; i += 4) if (data[i] > data[i + 2] + 60) { window.firstPicture = performance.now(); break; }
     }
-    if (window.firstPicture && document.querySelector('.state')?.title === 'live') return (window.complete = performance.now());
+    // Notices of the broker may stand there instead of 'live'.
+    if (window.firstPicture && !/^$|connect|download|late/.test(document.querySelector('.state')?.title ?? '')) return (window.complete = performance.now());
     requestAnimationFrame(look);
   };
   requestAnimationFrame(look);

@@ -110,6 +110,29 @@ test('TheFirstPictureNeedsAPrefixOfTheFirstChunk', async () => {
   assert.equal(stream.surface.facts.rowsReady, golden.golden.n);
 });
 
+test('AnExpectedSurfaceIsFetchedBeforeItIsAnnouncedAndShownNoSooner', async () => {
+  const stream = broker.watch('lab/horse', { expects: golden.golden.id });
+  await until(() => golden.chunks.every((chunk) => fake.requests.some(({ id }) => id === core.sha256(chunk))) && fake.last, 'the surface');
+  const asked = fake.requests.length;
+  assert.equal(stream.surface, undefined);
+  fake.say(live());
+  await until(() => stream.surface?.isComplete);
+  assert.equal(fake.requests.length, asked, 'nothing is fetched twice');
+  assert.equal(stream.surface.epoch, 3);
+});
+
+test('AnotherSurfaceThanTheExpectedOneIsShown', async () => {
+  const stream = broker.watch('lab/horse', { expects: 'f'.repeat(64) });
+  await until(() => fake.last && fake.requests.length > 0);
+  fake.say(live());
+  await until(() => stream.surface?.isComplete);
+  assert.equal(stream.surface.asset, golden.golden.id);
+  stream.close();
+  const asked = fake.requests.length;
+  await new Promise((resolve) => setTimeout(resolve, 700));  // Beyond the first pause of a download that failed.
+  assert.equal(fake.requests.length, asked, 'what was expected is no longer asked for');
+});
+
 test('AKeySentAheadShowsTheStepBeforeItAndComesAlong', async () => {
   const stream = broker.watch('lab/horse');
   const poses = [];

@@ -23,7 +23,10 @@ test('PageAndCodeTakeAtMost100Kilobytes', () => {
 
 test('AllThatThePageLoadsAtOnceIsPreloaded', () => {
   const page = readFileSync(join(BUILD, 'page.html'), 'utf8');
-  for (const [, chunk] of readFileSync(join(BUILD, 'page.js'), 'utf8').matchAll(/from"\.\/(eigencast-\w+\.js)"/g)) assert.ok(page.includes(`{web}${chunk}`), chunk);
+  for (const script of ['page.js', 'worker.js']) {
+    assert.ok(page.includes(`{web}${script}`), script);
+    for (const [, chunk] of readFileSync(join(BUILD, script), 'utf8').matchAll(/from"\.\/(eigencast-\w+\.js)"/g)) assert.ok(page.includes(`{web}${chunk}`), chunk);
+  }
 });
 
 test('ShadersBecomeEssl', () => {
