@@ -33,5 +33,5 @@ open().catch(async (error: unknown) => {
   console.error(error);
   const { Note } = await import('./note.js'), note = new Note(part('section', { class: 'note' }), { part, command });
   note.fail('The page cannot start', error instanceof WebAssembly.CompileError ? 'this browser is too old for it: it takes WebAssembly with SIMD' : (error as Error).message);
-  document.body.replaceChildren(note.element);
+  document.body.replaceChildren(part('main', {}, part('h1', { class: 'unseen' }, 'Eigencast'), note.element));
 });

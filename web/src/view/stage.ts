@@ -149,6 +149,7 @@ export class Stage {
     this.#workMs = this.#lastWorkMs = performance.now() - this.#turnedMs;
     this.#fence ??= this.#gl.fenceSync(this.#gl.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? undefined;
     if (this.#rate > 0 && !this.#isControlled) this.#control();
+    this.#gl.flush();  // Else they wait for the display's next turn.
   }
 
   /** Behind the first picture; until it is there all is drawn. */

@@ -17,6 +17,8 @@ const FLOOR = 0.02, FEW = 2000, PIXELS_A_VERTEX = 8;
 /** What a key changes the largest part by, and its end. */
 const LEVEL_STEP = 1.25, MIN_LEVEL = 1 / 1024;
 const MAX_PIXEL_RATIO = 2;
+/** Where no surface comes so soon, the floor is shown that it will stand on. */
+const EMPTY_MS = 300;
 
 /** A canvas that shows a stream's surface, drawn by the page's stage. */
 export class View {
@@ -52,6 +54,7 @@ export class View {
     stream.on('image', (image) => void this.#decode(image));
     if (stream.image) void this.#decode(stream.image);
     stage.add(this);
+    setTimeout(() => this.invalidate(), EMPTY_MS);
   }
   /** The stream stays as it is. */
   close(): void {

@@ -370,6 +370,57 @@ test('PagesPublishWhatOthersSee', async () => {
   await own.stop();
 });
 
+/** What axe finds on a page, in its words. */
+const AXE = fileURLToPath(new URL('../../node_modules/axe-core/axe.min.js', import.meta.url));
+async function violations(tab) {
+  await tab.evaluate(`${readFileSync(AXE, 'utf8')}; undefined`);
+  return tab.evaluate("axe.run(document, { resultTypes: ['violations'] }).then(({ violations }) => violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html, failureSummary }) => `${html} ${failureSummary}`).join('; ')}`))");
+}
+
+test('NoPageIsInTheWayOfAssistiveTechnology', { skip: !existsSync(AXE) && 'no axe-core: `npm ci` in web/' }, async () => {
+  const isLive = "document.querySelector('.state.live')";
+  const pages = [
+    ['/', isLive], ['/?wall=1', isLive], ['/still', hasState('live')], ['/still?embed=1', hasState('live')], ['/lab/nobody', "/Waiting/.test(document.querySelector('.note')?.innerText)"],
+    ['/not%20a%20name', "/cannot start/.test(document.body.innerText)"],
+    ['/still', `${hasState('live')} && (document.querySelector('dialog').open || (document.querySelector('button[aria-label="this help"]').click(), false)) && document.querySelector('dialog h2, dialog dt, dialog td')`],
+  ];
+  const found = {};
+  for (const scheme of ['light', 'dark']) {
+    for (const [path, isThere] of pages) {
+      const tab = await chromium.tab();
+      try {
+        await tab.size(960, 600);
+        await tab.media({ 'prefers-color-scheme': scheme });
+        await tab.open(site.url + path);
+        await tab.until(isThere);
+        const said = await violations(tab);
+        if (said.length > 0) found[`${path}, ${scheme}`] = said;
+      } finally {
+        await tab.close();
+      }
+    }
+  }
+  assert.deepEqual(found, {});
+});
+
+test('KeysAloneReachEverything', async () => {
+  await onPage(`${site.url}/still`, async (tab) => {
+    await tab.until(`${hasState('live')} && document.querySelector('.tools button')`);
+    const controls = await tab.evaluate("[...document.querySelectorAll('a[href], button, input, canvas[tabindex]')].filter((one) => one.checkVisibility()).map((one) => one.matches('canvas') ? 'canvas' : one.ariaLabel)");
+    const met = [];
+    for (let i = 0; i < controls.length; ++i) {
+      await tab.key('Tab');
+      met.push(await tab.evaluate("(() => { const one = document.activeElement; return !one.matches(':focus-visible') ? `${one.tagName} without a mark` : one.matches('canvas') ? 'canvas' : one.ariaLabel; })()"));
+    }
+    assert.deepEqual(met.toSorted(), controls.toSorted());
+    await tab.evaluate("document.querySelector('button[aria-label=\"this help\"]').focus()");
+    await tab.key('Enter');
+    await tab.until("document.querySelector('dialog').open && document.querySelector('dialog').contains(document.activeElement)");
+    await tab.key('Escape');
+    await tab.until("!document.querySelector('dialog').open && document.activeElement.ariaLabel === 'this help'");
+  }, { size: [960, 600] });
+});
+
 test('EmbeddedPagesHaveNoControls', async () => {
   await onPage(`${site.url}/still?embed=1`, async (tab) => {
     await tab.until(`${CLAY} > 100`, 150_000);

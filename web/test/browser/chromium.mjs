@@ -41,6 +41,9 @@ class Pipe {
   }
 }
 
+/** Of keys that the browser itself acts on. */
+const CODES = { Tab: 9, Enter: 13, Escape: 27 };
+
 /** A tab. */
 class Tab {
   /** What the page wrote to its console, exceptions among it. */
@@ -84,8 +87,8 @@ class Tab {
     return Buffer.from(data, 'base64');
   }
   async key(key, modifiers = 0) {
-    const text = key.length === 1 ? key : undefined;
-    for (const type of ['keyDown', 'keyUp']) await this.send('Input.dispatchKeyEvent', { type, key, modifiers, ...(type === 'keyDown' && text ? { text } : {}) });
+    const text = key.length === 1 ? key : key === 'Enter' ? '\r' : undefined;
+    for (const type of ['keyDown', 'keyUp']) await this.send('Input.dispatchKeyEvent', { type, key, modifiers, ...(CODES[key] ? { windowsVirtualKeyCode: CODES[key] } : {}), ...(type === 'keyDown' && text ? { text } : {}) });
   }
   async mouse(type, x, y, more = {}) {
     await this.send('Input.dispatchMouseEvent', { type, x, y, button: 'none', ...more });

@@ -4,6 +4,7 @@
 // gallops from EIGENCAST_DATA_DIR; EIGENCAST_BIN, EIGENCAST_WEB_BUILD; LOADS: of a page, each with a profile of its own (20).
 import { spawnSync } from 'node:child_process';
 import { existsSync, readFileSync } from 'node:fs';
+import { createServer } from 'node:http';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { Programs } from '../system/programs.mjs';
@@ -43,6 +44,15 @@ const WATCH = `(() => {
   requestAnimationFrame(look);
 })()`;
 
+/** What the browser itself takes: a page whose picture is a GL canvas that was cleared. */
+const EMPTY = `<!doctype html><title>empty</title><canvas width="960" height="600"></canvas><script>
+  const to = document.querySelector('canvas').getContext('2d'), gl = document.createElement('canvas').getContext('webgl2');
+  gl.clearColor(1, 0, 0, 1);
+  gl.clear(gl.COLOR_BUFFER_BIT);
+  to.drawImage(gl.canvas, 0, 0);
+  requestAnimationFrame(() => { if (to.getImageData(0, 0, 1, 1).data[0] > 200) window.firstPicture = window.complete = performance.now(); });
+</script>`;
+
 /** Loads of `url`, each in a browser of its own: milliseconds to the first picture, and to the whole surface. */
 async function loads(url, count, { size = [960, 600], slower = 1, screen = {}, flags = [] } = {}) {
   const first = [], complete = [];
@@ -70,8 +80,14 @@ async function mainThread(tab, seconds) {
 const programs = new Programs();
 const FIGURES = {
   async first(url) {
-    const { first } = await loads(url, LOADS);
-    console.log(`first picture, loopback, ${LOADS} fresh profiles: ${said(first)}`);
+    const server = createServer((_, answer) => answer.setHeader('Content-Type', 'text/html').end(EMPTY)), first = [], empty = [];
+    await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+    for (let load = 0; load < LOADS; ++load) {
+      first.push(...(await loads(url, 1)).first);
+      empty.push(...(await loads(`http://127.0.0.1:${server.address().port}/`, 1)).first);
+    }
+    server.close();
+    console.log(`first picture, loopback, ${LOADS} fresh profiles: ${said(first)}; an empty page with a GL canvas: ${said(empty)}`);
     const chromium = await startChromium(), tab = await chromium.tab();
     await tab.size(960, 600);
     await tab.open(url);
