@@ -95,7 +95,7 @@ install(FILES deploy/desktop/eigencast.xml DESTINATION share/mime/packages COMPO
 install(FILES deploy/desktop/eigencast-client.svg DESTINATION share/icons/hicolor/scalable/apps COMPONENT tools)
 install(FILES examples/publish.c examples/subscribe.c examples/publish.cpp examples/subscribe.cpp
   DESTINATION share/doc/libeigencast-dev/examples COMPONENT development)
-install(FILES examples/publish.py examples/subscribe.py examples/stress.py examples/painted.py
+install(FILES examples/publish.py examples/subscribe.py examples/stress.py examples/painted.py examples/springs.py examples/markers.py
   DESTINATION share/doc/python3-eigencast/examples COMPONENT python)
 
 # Every package states its licence and its history, and holds the documents for its users, compressed as Debian wants them. Manual
