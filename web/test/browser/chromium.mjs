@@ -125,6 +125,15 @@ export async function startChromium(...more) {
       for (const domain of ['Page', 'Runtime', 'Log']) await tab.send(`${domain}.enable`);
       return tab;
     },
+    /** Until its own start takes no more of the processor, or ten seconds have passed. */
+    async settled() {
+      for (let before = NaN, looks = 0; looks < 40; ++looks) {
+        const { processInfo } = await pipe.send('SystemInfo.getProcessInfo'), seconds = processInfo.reduce((sum, { cpuTime }) => sum + cpuTime, 0);
+        if (seconds - before < 0.03) return;
+        before = seconds;
+        await new Promise((resolve) => setTimeout(resolve, 250));
+      }
+    },
     async stop() {
       const ended = new Promise((resolve) => child.on('exit', resolve)), timer = setTimeout(() => child.kill('SIGKILL'), 5000);
       pipe.send('Browser.close').catch(() => {});

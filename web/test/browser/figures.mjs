@@ -61,6 +61,7 @@ async function loads(url, count, { size = [960, 600], slower = 1, screen = {}, f
     await tab.size(...size, screen);
     if (slower > 1) await tab.send('Emulation.setCPUThrottlingRate', { rate: slower });
     await tab.send('Page.addScriptToEvaluateOnNewDocument', { source: WATCH });
+    await chromium.settled();
     await tab.open(url);
     complete.push(await tab.until('window.complete', 120_000));
     first.push(await tab.evaluate('window.firstPicture'));
