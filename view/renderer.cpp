@@ -183,7 +183,19 @@ class Renderer::Impl {
       program.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
       program.set("discs", surface->has_discs() ? surface->scale() : 0.0F);
       surface->draw_points();
+      if (surface->has_discs() && options.quality.samples > 1) draw_points_over(*surface, program);
     }
+  }
+
+  /// Shade goes over from disc to disc. REQUIRES: they have been drawn.
+  static void draw_points_over(const GlSurface& surface, const GlProgram& program) {
+    program.set("over", 1.0F);
+    glEnable(GL_BLEND);
+    glDepthMask(GL_FALSE);
+    surface.draw_points();
+    glDepthMask(GL_TRUE);
+    glDisable(GL_BLEND);
+    program.set("over", 0.0F);
   }
 
   void draw_edges(const glm::mat4& clip_from_scene, float pixel_scale) const {

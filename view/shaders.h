@@ -174,7 +174,8 @@ void main() { colour = line_colour; })";
 
 /// Points as discs across their normal if the surface has radii (discs > 0, its scale). Discs sink towards their rim,
 /// so that each pixel shows the nearest disc (Schuetz, Wimmer 2015, "High-quality point-based rendering using fast
-/// single-pass interpolation"). Other points as small balls with a depth and a normal per fragment.
+/// single-pass interpolation"); drawn `over` these once more they fade towards it, so that no edge is seen. Others
+/// are small balls with a depth and a normal per fragment.
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -202,9 +203,10 @@ in vec3 centre;
 flat in vec3 scene_normal, scene_centre, painted;
 flat in float r, point_px;
 uniform mat4 view_from_scene, clip_from_view;
-uniform float discs, normal_offset;
+uniform float discs, normal_offset, over;
 out vec4 colour;
 void main() {
+  float cover = 1.0;
   vec2 disc = 2.0 * gl_PointCoord - 1.0;
   disc.y = -disc.y;
   float rr = dot(disc, disc);
@@ -222,7 +224,9 @@ void main() {
       if (abs(dot(normalize(centre), plane)) > 0.3 || abs(dot(disc, normalize(plane.xy + 1e-9))) > width) discard;
       at = beside;
     }
-    at *= 1.0 + 0.7 * dot(at - centre, at - centre) / (r * length(at));
+    float sunk = dot(at - centre, at - centre) / r;
+    if (over > 0.0) cover = 1.0 - sunk / r;
+    at *= 1.0 + (over > 0.0 ? -0.15 * r : 0.7 * sunk) / length(at);
   } else {
     vec3 ball = vec3(disc, sqrt(1.0 - rr));
     at = centre + vec3(0.0, 0.0, r * ball.z);
@@ -236,6 +240,7 @@ void main() {
   if (dot(n, normalize(eye - scene_centre)) < (discs > 0.0 ? -0.3 : 0.0)) n = -n;
   float shadow = dot(n, key_light) > 0.0 ? lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002, 2.0) : 0.0;
   colour = finished(scene_centre, n, painted, false, shadow);
+  colour.a = cover;
 })";
 
 /// The floor: shadow and, if wanted, lines that fade with the distance.
