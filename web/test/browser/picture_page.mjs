@@ -33,7 +33,7 @@ const TAMPERINGS = {
   },
   shadowless() {
     const { gl } = stage, draw = gl.drawElements.bind(gl);
-    gl.drawElements = (...words) => (gl.getParameter(gl.VIEWPORT)[2] === 1024 ? undefined : draw(...words));
+    gl.drawElements = (...words) => (gl.getParameter(gl.VIEWPORT)[2] === 512 ? undefined : draw(...words));
     return () => (gl.drawElements = draw);
   },
 };
