@@ -21,9 +21,10 @@ Profile canonical(Profile profile) {
   return profile;
 }
 
-// What the codec takes on one core of 2026, rounded up (bench/codec_rate.cpp): 16 us for a key of 180 bytes, 73 us for
-// 32,768 coefficients that change by nothing.
-constexpr double kDecodedPerUs = 450, kDecodedBytesPerUs = 8, kFloatBytesPerUs = 2000;
+// What the codec takes on one core of 2026, rounded up: 16 us for a key of 180 bytes (bench/codec_rate.cpp); for one of
+// few bytes that changes most of 32,768 coefficients 275 us, from a memory 400, to code it anew 590.
+constexpr double kDecodedPerUs = 120, kDecodedBytesPerUs = 8, kFloatsPerUs = 450, kFloatBytesPerUs = 2000;
+constexpr double kRecalledPerUs = 250, kCodedAnewPerUs = 85;  ///< Besides decoding; besides encoding_us().
 
 // Asked to pay for a pose, at most: a crowd that cannot must not cost more than the pose.
 constexpr std::size_t kMaxPayersAsked = 8;
@@ -200,6 +201,7 @@ Result<void> Stream::take_frame(const WireFrame& frame, TimeUs now_us) {
                                             : "the first frame after 'announce' must be a join");
   const auto record = record_from(*whole, now_us);
   if (!record) return in_context("frame " + std::to_string(whole->envelope.sequence), record.error());
+  if (whole->envelope.is_recalled()) unpaid_us_ += static_cast<double>(layout_.size()) / kRecalledPerUs;
   take_record(*record, now_us);
   return {};
 }
@@ -235,7 +237,8 @@ const KeyRecordPtr& Stream::plain(double* work_us) const {
   if (!newest || (present_.used == 0 && (!plain_ || plain_->join))) return newest;
   const bool follows = present_.used != 0 && plain_ && newest->before && plain_->sequence + 1 == newest->sequence;
   plain_ = plain_record(layout_, *newest, follows ? plain_.get() : nullptr);
-  (work_us != nullptr ? *work_us : unpaid_us_) += encoding_us(layout_, plain_->payload.size());
+  (work_us != nullptr ? *work_us : unpaid_us_) +=
+      encoding_us(layout_, plain_->payload.size()) + static_cast<double>(layout_.size()) / kCodedAnewPerUs;
   return plain_;
 }
 
@@ -440,8 +443,9 @@ FramePtr Stream::join_for(const Watcher& watcher, double* work_us) {
 }
 
 double Stream::decoding_us(std::uint64_t bytes, bool last) const {
-  return (last ? static_cast<double>(layout_.size()) / kDecodedPerUs : 0) +
-         static_cast<double>(bytes) / (layout_.is_float() ? kFloatBytesPerUs : kDecodedBytesPerUs);
+  const bool exact = layout_.is_float();
+  return (last ? static_cast<double>(layout_.size()) / (exact ? kFloatsPerUs : kDecodedPerUs) : 0) +
+         static_cast<double>(bytes) / (exact ? kFloatBytesPerUs : kDecodedBytesPerUs);
 }
 
 control::StreamInfo Stream::info_for(const Watcher& watcher) const {
