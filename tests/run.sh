@@ -3,7 +3,7 @@
 # Installs what is missing, builds everything and runs all tests. Ends with the skipped tests by reason, and a count of all.
 #   tests/run.sh          the tier of at most 12 minutes on two cores
 #   tests/run.sh --full   AddressSanitizer with UBSan, ThreadSanitizer, the normal tier with what is labelled full (soak, faults of a cluster,
-#                         a long clip, Debian packages on machines with systemd), the corpora of the fuzz targets, the
+#                         a long clip, Debian packages on machines with systemd, hosts), the corpora of the fuzz targets, the
 #                         benchmarks (built only), and clang-tidy
 set -euo pipefail
 cd "$(dirname "$0")/.."
