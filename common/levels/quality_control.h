@@ -41,11 +41,11 @@ inline constexpr double kOfHalfTheVertices = 0.4;
 /// so that nothing oscillates.
 class QualityControl final {
  public:
-  static constexpr int kLearn = 4;             ///< Pictures that measure a change.
-  static constexpr int kWait = 30;             ///< Pictures at least before quality rises.
-  static constexpr int kLongestWait = 960;     ///< Likewise, at most.
-  static constexpr int kTrialEvery = 300;      ///< Pictures between trials while something is lowered.
-  static constexpr double kBetter = 0.1;       ///< Of the error.
+  static constexpr int kLearn = 4;          ///< Pictures that measure a change.
+  static constexpr int kWait = 30;          ///< Pictures at least before quality rises.
+  static constexpr int kLongestWait = 960;  ///< Likewise, at most.
+  static constexpr int kTrialEvery = 1800;  ///< Pictures between trials, which hold one up, while something is lowered.
+  static constexpr double kBetter = 0.1;    ///< Of the error.
   static constexpr double kFewVertices = 0.2;  ///< Fewer are drawn only if that saves kWorthwhile of the time.
   static constexpr double kWorthwhile = 0.05;
 
