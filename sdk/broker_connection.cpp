@@ -66,6 +66,13 @@ void BrokerConnection::hold(const Listener& listener, std::uint32_t generation) 
   }
 }
 
+void BrokerConnection::say_prepared(const Listener& listener, const std::string& asset) {
+  const std::lock_guard lock(mutex_);
+  for (const Stream& stream : streams_) {
+    if (stream.listener == &listener && stream.id && open_) send(control::Prepared{stream.name(), asset});
+  }
+}
+
 void BrokerConnection::leave(const Listener& listener) {
   const std::lock_guard lock(mutex_);
   const auto at = std::find_if(streams_.begin(), streams_.end(), [&](auto& s) { return s.listener == &listener; });

@@ -59,6 +59,8 @@ class BrokerConnection final {
   static std::shared_ptr<BrokerConnection> join(const BrokerUrl& url, Request request, Listener& listener);
   /// Names the generation of a memory to the broker once: what comes afterwards may need it. 0: none.
   void hold(const Listener& listener, std::uint32_t generation);
+  /// Tells the broker that the whole of the next asset is here.
+  void say_prepared(const Listener& listener, const std::string& asset);
   /// No call comes afterwards. The last user to release the connection closes it.
   void leave(const Listener& listener);
 

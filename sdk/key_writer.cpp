@@ -21,6 +21,12 @@ void KeyWriter::begin(const control::Announced& announced) {
   newest_ = {};
 }
 
+void KeyWriter::continue_as(const control::Announced& announced, const ChainClock& newest, std::optional<Key> older) {
+  begin(announced);
+  newest_ = newest;
+  older_ = std::move(older);
+}
+
 Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
   const std::size_t all = layout_.band_ends.size();
   const auto choice = rate_ ? rate_->choice() : RateControl::Choice{half_spacing_, static_cast<std::uint8_t>(all)};
@@ -33,6 +39,10 @@ Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
   }
   // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
   ChainState first = advanced(std::nullopt, std::move(key), 0);
+  if (older_) {
+    first.older = choice.bands < all ? lowest_bands(layout_, *older_, choice.bands) : *older_;
+    first.age_us = capture_us - newest_.capture_us;
+  }
   const auto payload = encode_join(layout_, first);
   if (!payload) return payload.error();
   return framed(FrameKind::kJoin, *payload, std::move(first), capture_us);
@@ -82,6 +92,7 @@ KeyWriter::Coded KeyWriter::framed(FrameKind kind, ByteView payload, ChainState 
 
 void KeyWriter::sent(Coded coded, std::size_t bytes) {
   chain_ = std::move(coded.next);
+  older_.reset();
   newest_ = {newest_.sequence + 1, coded.capture_us, chain_->age_us};
   if (rate_) rate_->add(bytes, coded.capture_us);
 }

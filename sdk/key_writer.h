@@ -35,7 +35,11 @@ class KeyWriter {
 
   /// The next message is the first of a stream that the broker knows by these.
   void begin(const control::Announced& announced);
-  void restart() { chain_.reset(); }  ///< The chain is broken: the next message is a join.
+  /// The same, and the first message carries on a chain that ended at `newest`.
+  ///   older  its last key in this layout; nothing: it had none
+  void continue_as(const control::Announced& announced, const ChainClock& newest, std::optional<Key> older);
+  const ChainClock& newest() const { return newest_; }
+  void restart() { chain_.reset(), older_.reset(); }  ///< The chain is broken: the next message is a join.
   /// Codes the keys to come from a memory, as Recaller::encode does; nothing: by encode_key. `continues`: the memory
   /// has all poses of the one before.
   void code_by(Coder coder, std::optional<PoseMemory> memory, bool continues);
@@ -50,7 +54,7 @@ class KeyWriter {
   const Key* held() const { return chain_ ? &chain_->newer : nullptr; }    ///< Likewise.
   /// Of the next key.
   std::uint8_t half_spacing() const { return rate_ ? rate_->choice().half_spacing : half_spacing_; }
-  bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > newest_.capture_us; }
+  bool may_follow(TimeUs capture_us) const { return (!chain_ && !older_) || capture_us > newest_.capture_us; }
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t stream_id() const { return announced_.stream_id; }
   std::uint32_t epoch() const { return announced_.epoch; }
@@ -67,6 +71,7 @@ class KeyWriter {
   Coder coder_;
   std::optional<PoseMemory> memory_;  ///< The coder's.
   std::optional<ChainState> chain_;   ///< Nothing until the first message of a chain.
+  std::optional<Key> older_;          ///< Of the chain that the first message carries on.
   control::Announced announced_;
   ChainClock newest_;
 };

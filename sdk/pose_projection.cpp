@@ -31,11 +31,7 @@ Result<PoseProjection::Coefficients> PoseProjection::project(const VertexPose& p
                                                  " scalars of each vertex; " + std::to_string(pose.scalars.size()) +
                                                  " values are given in all");
   }
-  if (!projector_) {
-    auto made = Projector::create(*asset_);
-    if (!made) return made.error();
-    projector_ = std::move(*made);
-  }
+  if (const auto ready = prepare(); !ready) return ready.error();
   Coefficients out;
   if (const auto good = store(out.C, projector_->coefficients_from_positions(pose.positions)); !good)
     return good.error();
@@ -48,6 +44,14 @@ Result<PoseProjection::Coefficients> PoseProjection::project(const VertexPose& p
     if (!good) return in_context("scalars", good.error());
   }
   return out;
+}
+
+Result<void> PoseProjection::prepare() {
+  if (projector_) return {};
+  auto made = Projector::create(*asset_);
+  if (!made) return made.error();
+  projector_ = std::move(*made);
+  return {};
 }
 
 Result<std::vector<double>> PoseProjection::project_scalars(std::span<const float> values) const {

@@ -26,6 +26,8 @@ class PoseProjection {
   PoseProjection(std::shared_ptr<const Asset> asset, bool velocities, std::size_t scalars)
       : asset_(std::move(asset)), velocities_(velocities), scalars_(scalars) {}
 
+  /// Sets up the Projector, which project() does at its first call. Errors: those of the Projector.
+  Result<void> prepare();
   /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector.
   Result<Coefficients> project(const VertexPose& pose);
 

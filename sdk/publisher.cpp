@@ -17,6 +17,7 @@
 #include "sdk/pose_projection.h"
 #include "sdk/send_policy.h"
 #include "sdk/sender_memory.h"
+#include "sdk/transfer.h"
 
 namespace eigencast {
 
@@ -27,6 +28,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kUploadRetry{1000};
 /// Another sender may have left by then.
 constexpr milliseconds kRefusedRetry{5000};
+constexpr TimeUs kProgressEveryUs = 1'000'000;
 
 Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
@@ -41,26 +43,76 @@ ErrorCode code_named(std::string_view name) {
   return ErrorCode::kInternal;
 }
 
+std::optional<RateControl> rate_control_of(const PublisherOptions& options, const Asset* asset,
+                                           const Quantiser& quantiser, const StreamFormat& format) {
+  if (asset == nullptr || options.bitrate <= 0) return std::nullopt;
+  return RateControl(options.bitrate, quantiser.half_spacing, static_cast<std::uint8_t>(format.band_ends.size()));
+}
+
+std::optional<MemoryKeeper::Options> keeper_options_of(const PublisherOptions& options, const Asset* asset,
+                                                       const EncodedAsset& encoded, const CoefficientLayout& layout) {
+  if (asset == nullptr || options.memory == MemoryUse::kOff || layout.is_float()) return std::nullopt;
+  return MemoryKeeper::Options{layout, encoded.manifest.id.digest, options.bitrate, options.memory == MemoryUse::kOn};
+}
+
+/// A surface, and the chain of its poses.
+struct Sending {
+  /// asset  null: of keys alone
+  Sending(const PublisherOptions& options, CodecKind codec, StreamFormat of, std::shared_ptr<const Asset> surface,
+          std::shared_ptr<const EncodedAsset> bytes)
+      : asset(std::move(surface)),
+        encoded(std::move(bytes)),
+        format(std::move(of)),
+        quantiser(asset && codec == CodecKind::kQuantised
+                      ? quantiser_for_error(error_bound(options, *asset), asset->area, asset->rank)
+                      : Quantiser{}),
+        projection(asset, options.velocities, format.scalars.size()),
+        writer({codec, format.rows, format.channels, format.band_ends}, quantiser.half_spacing,
+               rate_control_of(options, asset.get(), quantiser, format)),
+        memory(writer.layout(), keeper_options_of(options, asset.get(), *encoded, writer.layout())) {}
+
+  const std::shared_ptr<const Asset> asset;
+  const std::shared_ptr<const EncodedAsset> encoded;
+  const StreamFormat format;
+  const Quantiser quantiser;
+  PoseProjection projection;  ///< For the caller's thread alone.
+  KeyWriter writer;
+  SenderMemory memory;
+};
+
+/// From what a surface showed to what its next asset shows, over some keys. Pure.
+class Ramp {
+ public:
+  static constexpr int kKeys = 8;
+
+  /// Nothing to ramp where one of them is not of the other's surface.
+  Ramp(const Asset& before, const Asset& after)
+      : back_(Transfer::between(after, before)), forth_(Transfer::between(before, after)) {}
+
+  /// A key of the asset before as the same pose of the one after; empty: there is none.
+  std::vector<double> carried_over(std::span<const double> C, std::size_t channels) const {
+    return forth_ ? forth_->apply(C, channels) : std::vector<double>();
+  }
+  bool is_over() const { return keys_ == kKeys || !back_ || !forth_; }
+  /// (1 - w) of what the asset before would show of C, and w of C. REQUIRES: not is_over().
+  std::vector<double> blended(std::span<const double> C, std::size_t channels) const {
+    const double w = static_cast<double>(keys_ + 1) / kKeys;
+    std::vector<double> mixed = forth_->apply(back_->apply(C, channels), channels);
+    for (std::size_t i = 0; i < mixed.size(); ++i) mixed[i] += w * (C[i] - mixed[i]);
+    return mixed;
+  }
+  void sent() { ++keys_; }
+
+ private:
+  std::optional<Transfer> back_, forth_;
+  int keys_ = 0;
+};
+
 class BrokerPublisher final : public Publisher {
  public:
-  /// asset  null: of keys alone
-  BrokerPublisher(PublisherOptions options, BrokerUrl url, CodecKind codec, StreamFormat format,
-                  std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded, LogSink log)
-      : options_(std::move(options)),
-        url_(std::move(url)),
-        asset_(std::move(asset)),
-        encoded_(std::move(encoded)),
-        log_(std::move(log)),
-        format_(std::move(format)),
-        quantiser_(asset_ && codec == CodecKind::kQuantised
-                       ? quantiser_for_error(error_bound(options_, *asset_), asset_->area, asset_->rank)
-                       : Quantiser{}),
-        projection_(asset_, options_.velocities, format_.scalars.size()),
-        writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, rate_control()),
-        memory_(writer_.layout(), keeper_options()) {
-    if (asset_ && options_.still_heartbeat_us > 0)
-      still_.emplace(kStillOverError * error_bound(options_, *asset_), options_.still_heartbeat_us);
-    stats_.detail = "connecting to " + url_.origin();
+  BrokerPublisher(PublisherOptions options, BrokerUrl url, std::unique_ptr<Sending> sending, LogSink log)
+      : options_(std::move(options)), url_(std::move(url)), log_(std::move(log)), now_(std::move(sending)) {
+    restart_still();
   }
 
   void start() {
@@ -81,12 +133,13 @@ class BrokerPublisher final : public Publisher {
     upload.on_done = [this](const Result<void>& done) { return on_uploaded(done); };
     upload.on_exception = [this](const std::string& what) { upload_failed(what); };
     const std::lock_guard lock(mutex_);
-    asset_uploader_ = std::make_unique<AssetUploader>(encoded_, std::move(upload));
+    asset_uploader_ = std::make_unique<AssetUploader>(now_->encoded, std::move(upload));
     socket_ = WebSocket::start(std::move(socket), std::move(events), log_);
   }
 
   ~BrokerPublisher() override {
     if (asset_uploader_) asset_uploader_->stop();
+    if (change_uploader_) change_uploader_->stop();
     if (segment_uploader_) segment_uploader_->stop();
     if (socket_) socket_->stop();
   }
@@ -95,7 +148,7 @@ class BrokerPublisher final : public Publisher {
     const TimeUs begun_us = steady_now_us();
     const std::lock_guard lock(mutex_);
     if (const auto early = send_blocker(capture_us)) return *early;
-    return send_coded(writer_.code_as(std::move(key), coded, phase, capture_us), {begun_us, 0});
+    return send_coded(now_->writer.code_as(std::move(key), coded, phase, capture_us), {begun_us, 0});
   }
 
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us, std::span<const double> V) override {
@@ -103,27 +156,87 @@ class BrokerPublisher final : public Publisher {
   }
 
   Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us) override {
+    (void)take_change();
     if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
     const TimeUs begun_us = steady_now_us();
-    const auto made = projection_.project(pose);
+    const auto made = now_->projection.project(pose);
     if (!made) return made.error();
     return send(made->C, made->V, made->S, capture_us, {begun_us, steady_now_us()});
   }
 
+  Result<void> change_to(std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded) override {
+    const std::shared_ptr<const Asset> before = this->asset();
+    if (!before || !asset || !encoded || !asset->complete())
+      return fail(ErrorCode::kInvalidArgument, "a publisher of poses changes to a complete asset");
+    StreamFormat format = format_of(options_, *asset);
+    if (auto usable = check_format(format); !usable) return usable;
+    Change change{nullptr, Ramp(*before, *asset)};
+    if (change.ramp.is_over())
+      return fail(ErrorCode::kInvalidArgument,
+                  "a stream changes to an asset of the same surface, whose vertices are in the same order");
+    change.to =
+        std::make_unique<Sending>(options_, options_.codec, std::move(format), std::move(asset), std::move(encoded));
+    if (auto ready = change.to->projection.prepare(); !ready) return ready;
+    const std::lock_guard lock(mutex_);
+    change_ = std::move(change);
+    if (phase_ == Phase::kLive) upload_change();
+    return {};
+  }
+
+  bool take_change() override {
+    const std::lock_guard lock(mutex_);
+    const bool begins_anew = phase_ == Phase::kDown;
+    if (!change_ || (!begins_anew && !change_->granted)) return false;
+    if (segment_uploader_) segment_uploader_->cancel();
+    Sending& to = *change_->to;
+    const bool alike = to.format.scalars == now_->format.scalars && to.format.velocity_us == now_->format.velocity_us;
+    ramp_.reset();
+    if (!begins_anew) {
+      std::optional<Key> held;
+      if (alike && now_->writer.held() != nullptr) {
+        const auto C = coefficients_from_key(now_->writer.layout(), *now_->writer.held());
+        if (auto key = key_from_coefficients(to.writer.layout(), change_->ramp.carried_over(C, to.format.channels),
+                                             to.quantiser.step))
+          held = std::move(*key);
+        ramp_ = std::move(change_->ramp);
+      }
+      to.writer.continue_as(*change_->granted, now_->writer.newest(), std::move(held));
+      resume_ = change_->granted->resume;
+    }
+    now_ = std::move(change_->to);
+    change_.reset();
+    asset_uploader_->use(now_->encoded);
+    restart_still();
+    ++stats_.changes;
+    return true;
+  }
+
+  void show_progress(double fraction) override {
+    const std::lock_guard lock(mutex_);
+    if (phase_ != Phase::kLive || change_ || steady_now_us() - progress_us_ < kProgressEveryUs) return;
+    progress_us_ = steady_now_us();
+    (void)socket_->send_text(text_from_control(control::Progress{url_.stream, std::clamp(fraction, 0.0, 1.0)}));
+  }
+
+  std::shared_ptr<const Asset> asset() const override {
+    const std::lock_guard lock(mutex_);
+    return now_->asset;
+  }
+
   Result<void> remember(std::vector<CodedSegment> segments) override {
     const std::lock_guard lock(mutex_);
-    memory_.decide_by_caller();
+    now_->memory.decide_by_caller();
     return remember_now(std::move(segments));
   }
 
   MemoryState memory() const override {
     const std::lock_guard lock(mutex_);
-    return memory_.state();
+    return now_->memory.state();
   }
 
   std::vector<double> as_received() const override {
     const std::lock_guard lock(mutex_);
-    return writer_.positions_held();
+    return now_->writer.positions_held();
   }
 
   Stats stats() const override {
@@ -140,9 +253,67 @@ class BrokerPublisher final : public Publisher {
     TimeUs transformed_us = 0;
   };
 
-  std::optional<RateControl> rate_control() const {
-    if (!asset_ || options_.bitrate <= 0) return std::nullopt;
-    return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
+  /// To another asset of the surface.
+  struct Change {
+    std::unique_ptr<Sending> to;
+    Ramp ramp;
+    bool asked = false;  ///< The broker.
+    std::optional<control::Announced> granted{};
+  };
+
+  void restart_still() {
+    still_.reset();
+    if (now_->asset && options_.still_heartbeat_us > 0)
+      still_.emplace(kStillOverError * error_bound(options_, *now_->asset), options_.still_heartbeat_us);
+  }
+
+  void upload_change() {
+    change_->asked = false;
+    change_->granted.reset();
+    if (!change_uploader_) {
+      AssetUploader::Events upload;
+      upload.on_progress = [](std::uint64_t, std::uint64_t) {};
+      upload.on_done = [this](const Result<void>& done) { return on_change_uploaded(done); };
+      upload.on_exception = [this](const std::string& what) {
+        const std::lock_guard lock(mutex_);
+        drop_change(what);
+      };
+      change_uploader_ = std::make_unique<AssetUploader>(change_->to->encoded, std::move(upload));
+    }
+    change_uploader_->use(change_->to->encoded);
+    change_uploader_->begin(at_, milliseconds(0));
+  }
+
+  /// On the uploader's thread.
+  std::optional<milliseconds> on_change_uploaded(const Result<void>& done) {
+    const std::lock_guard lock(mutex_);
+    if (phase_ != Phase::kLive || !change_) return std::nullopt;
+    if (!done) {
+      log(log_, LogLevel::kWarning, "the next asset: " + done.error().message);
+      return done.error().code == ErrorCode::kRefused ? kRefusedRetry : kUploadRetry;
+    }
+    control::Announce m = announcement(*change_->to);
+    m.continues = true;
+    change_->asked = true;
+    (void)socket_->send_text(text_from_control(m));
+    return std::nullopt;
+  }
+
+  /// The stream goes on as it is.
+  void drop_change(const std::string& why) {
+    if (!change_) return;
+    change_.reset();
+    log(log_, LogLevel::kError, "the next asset is not used: " + why);
+  }
+
+  control::Announce announcement(const Sending& of) const {
+    control::Announce m;
+    m.asset = of.encoded->manifest.id.hex();
+    m.format = of.format;
+    m.key_rate_hz = options_.key_rate_hz;
+    m.world = options_.world;
+    m.resume = resume_;
+    return m;
   }
 
   /// V: empty, or velocities per second; S: r x scalars.
@@ -152,33 +323,37 @@ class BrokerPublisher final : public Publisher {
     if (V.empty() == options_.velocities)
       return unusable(fail(ErrorCode::kInvalidArgument, V.empty() ? "a pose without velocities, which were announced"
                                                                   : "velocities that were not announced"));
-    if (S.size() != format_.rows * format_.scalars.size())
+    if (S.size() != now_->format.rows * now_->format.scalars.size())
       return unusable(
           fail(ErrorCode::kInvalidArgument, "a pose without the scalars that were announced, or with more"));
     std::vector<double> all;
-    if (format_.channels > 3) C = all = rows_in_format(format_, C, V, S);
+    if (now_->format.channels > 3) C = all = rows_in_format(now_->format, C, V, S);
+    if (ramp_ && C.size() == std::size_t{now_->format.rows} * now_->format.channels)
+      C = all = ramp_->blended(C, now_->format.channels);
     if (const auto early = send_blocker(capture_us)) return *early;
-    auto key = key_from_coefficients(writer_.layout(), C, quantiser_.step);
+    auto key = key_from_coefficients(now_->writer.layout(), C, now_->quantiser.step);
     if (!key) return unusable(key.error());
-    if (!writer_.held() || !still_) return send_next(std::move(*key), capture_us, work);
+    if (!now_->writer.held() || !still_) return send_next(std::move(*key), capture_us, work);
     return send_unless_still(std::move(*key), C, capture_us, work);
   }
 
   /// The gate stays as it was where a frame is not sent. REQUIRES: as send_next; a key was sent, and there is a gate.
   SendStatus send_unless_still(Key key, std::span<const double> C, TimeUs capture_us, const Work& work) {
     const StillGate before = *still_;
-    const double distance = surface_distance(C, coefficients_from_key(writer_.layout(), *writer_.held()), asset_->area);
+    const double distance =
+        surface_distance(C, coefficients_from_key(now_->writer.layout(), *now_->writer.held()), now_->asset->area);
     switch (still_->next(distance, capture_us)) {
       case StillGate::Action::kSkip:
         ++stats_.frames_held;
         return SendStatus::kSent;
       case StillGate::Action::kHold: {
-        const SendStatus held = send_next(*writer_.held(), capture_us, work);
+        const SendStatus held = send_next(*now_->writer.held(), capture_us, work);
         if (held != SendStatus::kSent) still_ = before;
         return held;
       }
       case StillGate::Action::kResume:
-        if (const auto held = send_next(*writer_.held(), still_->held_until_us(), work); held != SendStatus::kSent) {
+        if (const auto held = send_next(*now_->writer.held(), still_->held_until_us(), work);
+            held != SendStatus::kSent) {
           still_ = before;
           return held;
         }
@@ -191,8 +366,8 @@ class BrokerPublisher final : public Publisher {
 
   /// REQUIRES: mutex_ is held, nothing blocks sending.
   SendStatus send_next(Key key, TimeUs capture_us, const Work& work) {
-    if (!memory_.decides()) return send_coded(writer_.code(std::move(key), capture_us), work);
-    auto coded = writer_.code(key, capture_us);
+    if (!now_->memory.decides()) return send_coded(now_->writer.code(std::move(key), capture_us), work);
+    auto coded = now_->writer.code(key, capture_us);
     return send_coded(std::move(coded), work, &key);
   }
 
@@ -201,7 +376,7 @@ class BrokerPublisher final : public Publisher {
     if (stats_.state != State::kLive) return dropped(DropReason::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(DropReason::kBehind);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
-    if (!writer_.may_follow(capture_us)) return dropped(DropReason::kTime);
+    if (!now_->writer.may_follow(capture_us)) return dropped(DropReason::kTime);
     return std::nullopt;
   }
 
@@ -215,8 +390,12 @@ class BrokerPublisher final : public Publisher {
     const SendStatus status = socket_->send_binary(std::move(coded->message));
     if (status != SendStatus::kSent)
       return dropped(status == SendStatus::kDisconnected ? DropReason::kDisconnected : DropReason::kBehind);
-    if (pose != nullptr && writer_.state() != nullptr) keep(*pose, *coded, bytes);
-    writer_.sent(*std::move(coded), bytes);
+    if (pose != nullptr && now_->writer.state() != nullptr) keep(*pose, *coded, bytes);
+    now_->writer.sent(*std::move(coded), bytes);
+    if (ramp_) {
+      ramp_->sent();
+      if (ramp_->is_over()) ramp_.reset();
+    }
     ++stats_.frames_sent;
     if (recalled) ++stats_.frames_recalled;
     stats_.payload_bytes += bytes;
@@ -226,25 +405,19 @@ class BrokerPublisher final : public Publisher {
 
   // The memory of poses. All but the callback REQUIRE: mutex_ is held.
 
-  std::optional<MemoryKeeper::Options> keeper_options() const {
-    if (!asset_ || options_.memory == MemoryUse::kOff || writer_.layout().is_float()) return std::nullopt;
-    return MemoryKeeper::Options{writer_.layout(), encoded_->manifest.id.digest, options_.bitrate,
-                                 options_.memory == MemoryUse::kOn};
-  }
-
   /// REQUIRES: the key has left; a key before it.
   void keep(const Key& pose, const KeyWriter::Coded& coded, std::size_t bytes) {
-    const bool due = memory_.add(
-        {*writer_.state(), pose, bytes, coded.next.phase, writer_.half_spacing(), coded.capture_us, memory_.may_grow()},
-        steady_now_us());
-    stats_.saved_bytes = memory_.saved_bytes();
-    if (memory_.state().generation != 0) stats_.memory_bytes = memory_.bytes();
+    const bool due = now_->memory.add({*now_->writer.state(), pose, bytes, coded.next.phase,
+                                       now_->writer.half_spacing(), coded.capture_us, now_->memory.may_grow()},
+                                      steady_now_us());
+    stats_.saved_bytes = now_->memory.saved_bytes();
+    if (now_->memory.state().generation != 0) stats_.memory_bytes = now_->memory.bytes();
     if (!due) return;
-    if (auto asked = remember_now(memory_.segments_to_keep()); !asked) refuse_memory(asked.error());
+    if (auto asked = remember_now(now_->memory.segments_to_keep()); !asked) refuse_memory(asked.error());
   }
 
   Result<void> remember_now(std::vector<CodedSegment> segments) {
-    if (auto wanted = memory_.want(std::move(segments)); !wanted) return wanted;
+    if (auto wanted = now_->memory.want(std::move(segments)); !wanted) return wanted;
     if (phase_ == Phase::kLive) upload_memory();
     return {};
   }
@@ -252,13 +425,13 @@ class BrokerPublisher final : public Publisher {
   /// The broker has nothing of it (any more).
   void forget_memory() {
     if (segment_uploader_) segment_uploader_->cancel();
-    writer_.code_by({}, {}, false);
-    memory_.forget();
+    now_->writer.code_by({}, {}, false);
+    now_->memory.forget();
   }
 
   void upload_memory() {
     auto objects = std::make_shared<EncodedAsset>();
-    objects->chunks = memory_.missing();
+    objects->chunks = now_->memory.missing();
     if (!segment_uploader_) {
       AssetUploader::Events upload;
       upload.on_progress = [](std::uint64_t, std::uint64_t) {};
@@ -275,15 +448,15 @@ class BrokerPublisher final : public Publisher {
 
   void on_memory_uploaded(const Result<void>& done) {
     const std::lock_guard lock(mutex_);
-    if (phase_ != Phase::kLive || !memory_.state().pending) return;
+    if (phase_ != Phase::kLive || !now_->memory.state().pending) return;
     if (!done) return refuse_memory(done.error());
-    if (socket_->send_text(text_from_control(memory_.message(url_.stream))) != SendStatus::kSent)
+    if (socket_->send_text(text_from_control(now_->memory.message(url_.stream))) != SendStatus::kSent)
       return refuse_memory(fail(ErrorCode::kDisconnected, "the broker takes no messages now"));
-    if (memory_.asked()) writer_.code_by({}, {}, false);
+    if (now_->memory.asked()) now_->writer.code_by({}, {}, false);
   }
 
   void refuse_memory(const Error& why) {
-    memory_.refuse(why, steady_now_us());
+    now_->memory.refuse(why, steady_now_us());
     log(log_, why.code == ErrorCode::kUnsupported ? LogLevel::kInfo : LogLevel::kWarning,
         "memory not used: " + why.message);
   }
@@ -303,11 +476,11 @@ class BrokerPublisher final : public Publisher {
   /// Where timing marks were asked for. Lost traces are not resent. REQUIRES: mutex_ is held.
   void trace(const Work& work, TimeUs sent_us) {
     const TimeUs now = steady_now_us();
-    if (writer_.sequence() % trace_every_ == 0) {
+    if (now_->writer.sequence() % trace_every_ == 0) {
       control::Trace m;
-      m.stream_id = writer_.stream_id();
-      m.epoch = writer_.epoch();
-      m.sequence = writer_.sequence();
+      m.stream_id = now_->writer.stream_id();
+      m.epoch = now_->writer.epoch();
+      m.sequence = now_->writer.sequence();
       m.stages.emplace_back(control::stage::kStarted, work.begun_us);
       if (work.transformed_us != 0) m.stages.emplace_back(control::stage::kTransformed, work.transformed_us);
       m.stages.emplace_back(control::stage::kSent, sent_us);
@@ -339,7 +512,9 @@ class BrokerPublisher final : public Publisher {
   void on_down(const Error& why, milliseconds wait) {
     std::unique_lock lock(mutex_);
     phase_ = Phase::kDown;
-    writer_.restart();
+    if (change_) change_->granted.reset();
+    if (change_uploader_) change_uploader_->cancel();
+    now_->writer.restart();
     forget_memory();
     stats_.subscribers = 0;
     stats_.gave_up = wait.count() == 0;
@@ -366,12 +541,14 @@ class BrokerPublisher final : public Publisher {
 
   void on_message(const control::Announced& m) {
     std::unique_lock lock(mutex_);
+    if (phase_ == Phase::kLive && change_ && change_->asked) change_->granted = m;
     if (phase_ != Phase::kAnnounced) return;
     phase_ = Phase::kLive;
     resume_ = m.resume;
-    writer_.begin(m);
+    now_->writer.begin(m);
     forget_memory();
-    if (memory_.state().pending) upload_memory();
+    if (now_->memory.state().pending) upload_memory();
+    if (change_) upload_change();
     if (still_) still_->restart();
     stats_.state = State::kLive;
     const std::string live = stats_.detail = "live at " + at_.origin() + url_.prefix + "/" + url_.stream;
@@ -381,16 +558,16 @@ class BrokerPublisher final : public Publisher {
 
   void on_message(const control::Remembered& m) {
     const std::lock_guard lock(mutex_);
-    if (phase_ != Phase::kLive || !memory_.awaits(m.generation)) return;
+    if (phase_ != Phase::kLive || !now_->memory.awaits(m.generation)) return;
     if (!m.code.empty()) return refuse_memory({code_named(m.code), m.message});
-    const auto poses = memory_.hold();
+    const auto poses = now_->memory.hold();
     if (!poses) return;
     log(log_, LogLevel::kInfo, "keys are predicted from a memory of " + std::to_string(poses->pose_count()) + " poses");
     const auto recaller = std::make_shared<Recaller>(*poses);
     const auto coder = [recaller](const ChainState& state, const Key& key, std::uint8_t half_spacing) {
       return recaller->encode(state, key, half_spacing);
     };
-    writer_.code_by(coder, *poses, true);
+    now_->writer.code_by(coder, *poses, true);
   }
 
   void on_message(const control::Subscribers& m) {
@@ -417,9 +594,10 @@ class BrokerPublisher final : public Publisher {
     const bool lacks_asset = m.code == name_of(ErrorCode::kNotFound);
     const std::string text = "the broker says: " + m.message + " (" + m.code + ")";
     std::unique_lock lock(mutex_);
+    if (phase_ == Phase::kLive && change_ && change_->asked && !change_->granted) return drop_change(text);
     stats_.detail = text;
     if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
-      writer_.restart();
+      now_->writer.restart();
       phase_ = Phase::kUpload;
       stats_.state = lacks_asset ? State::kUploading : State::kRefused;
       asset_uploader_->begin(at_, lacks_asset ? kUploadRetry : kRefusedRetry);
@@ -456,12 +634,7 @@ class BrokerPublisher final : public Publisher {
       log(log_, LogLevel::kWarning, stats_.detail);
       return wait;
     }
-    control::Announce m;
-    m.asset = encoded_->manifest.id.hex();
-    m.format = format_;
-    m.key_rate_hz = options_.key_rate_hz;
-    m.world = options_.world;
-    m.resume = resume_;
+    const control::Announce m = announcement(*now_);
     phase_ = Phase::kAnnounced;
     stats_.detail = "announced, waiting for the broker";
     // A connection that broke meanwhile says so by on_down, and everything starts again.
@@ -480,12 +653,9 @@ class BrokerPublisher final : public Publisher {
 
   const PublisherOptions options_;
   BrokerUrl url_;  ///< Changed by the connection's thread alone, with mutex_, before it is ever open.
-  const std::shared_ptr<const Asset> asset_;
-  const std::shared_ptr<const EncodedAsset> encoded_;
   const LogSink log_;
-  const StreamFormat format_;
-  const Quantiser quantiser_;
-  PoseProjection projection_;  ///< For the caller's thread alone.
+
+  std::unique_ptr<Sending> now_;  ///< Replaced by the caller's thread alone, with mutex_.
 
   RetryLog retries_;  ///< For the connection's thread alone.
 
@@ -497,9 +667,11 @@ class BrokerPublisher final : public Publisher {
   std::string resume_;  ///< Takes the stream over, at this broker and at others.
   BrokerUrl at_;        ///< The broker that it is or was connected to.
   bool ever_open_ = false;
-  KeyWriter writer_;
-  std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.
-  SenderMemory memory_;
+  std::optional<StillGate> still_;                  ///< Where still surfaces are not to be sent again and again.
+  std::optional<Change> change_;                    ///< Under way.
+  std::unique_ptr<AssetUploader> change_uploader_;  ///< Once there was one.
+  std::optional<Ramp> ramp_;                        ///< While it lasts.
+  TimeUs progress_us_ = 0;
   std::unique_ptr<AssetUploader> segment_uploader_;  ///< Once there was something to upload.
   Stats stats_;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
@@ -555,8 +727,8 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
   StreamFormat format = format_of(options, *asset);
   if (auto usable = check_format(format); !usable) return usable.error();
   const CodecKind codec = options.codec;
-  return started(std::move(options), std::move(*url), codec, std::move(format), std::move(asset), std::move(encoded),
-                 std::move(log));
+  auto sending = std::make_unique<Sending>(options, codec, std::move(format), std::move(asset), std::move(encoded));
+  return started(std::move(options), std::move(*url), std::move(sending), std::move(log));
 }
 
 Result<std::unique_ptr<Publisher>> Publisher::create_for_keys(PublisherOptions options, const StreamFormat& format,
@@ -568,7 +740,8 @@ Result<std::unique_ptr<Publisher>> Publisher::create_for_keys(PublisherOptions o
   if (!codec) return codec.error();
   auto url = stream_url(options.url, options.credentials, log);
   if (!url) return url.error();
-  return started(std::move(options), std::move(*url), *codec, format, nullptr, std::move(encoded), std::move(log));
+  auto sending = std::make_unique<Sending>(options, *codec, format, nullptr, std::move(encoded));
+  return started(std::move(options), std::move(*url), std::move(sending), std::move(log));
 }
 
 }  // namespace eigencast

@@ -100,7 +100,8 @@ class Publisher {
     std::uint64_t saved_bytes = 0;    ///< What frames would take beyond payload_bytes without a memory.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
-    bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.
+    std::uint64_t changes = 0;  ///< Of the asset, by change_to().
+    bool gave_up = false;       ///< The broker gave the stream to another sender: nothing is tried again.
   };
 
   /// What has come of remember().
@@ -139,6 +140,17 @@ class Publisher {
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us) {
     return send_pose({positions, {}, {}}, capture_us);
   }
+  /// Goes over to another asset of the same surface, whose vertices are in the same order, without a gap: uploads it,
+  /// and once viewers hold it, or have had the time, take_change() is true. Poses then go from what was shown to what
+  /// the new asset shows within eight keys. Kept up over lost connections; another call replaces it. Takes as long as
+  /// setting up a Projector. From any thread. Errors: kInvalidArgument, kNumerical.
+  virtual Result<void> change_to(std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded) = 0;
+  /// True once for each change: from now on send_coefficients() takes those of the new asset(). send_pose() calls it.
+  /// Use from the thread that sends.
+  virtual bool take_change() = 0;
+  virtual std::shared_ptr<const Asset> asset() const = 0;  ///< Thread-safe. Null for keys alone.
+  /// Tells viewers how much of the asset to change to is done, 0 to 1; once a second at most. Thread-safe.
+  virtual void show_progress(double fraction) = 0;
   /// Predicts keys from these poses, the oldest segment first, once the broker holds them; empty: no more. Never waits.
   /// Where those of the call before come first they stay in use meanwhile; a list that begins otherwise costs each
   /// viewer a join. Given to the broker again after a lost connection. Errors: kInvalidArgument (a float codec, another

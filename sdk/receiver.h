@@ -56,6 +56,7 @@ class Receiver final : private BrokerConnection::Listener {
   News take();
   /// Keys may be predicted from these poses from now on, unless a memory that begins otherwise was announced meanwhile.
   void hold(const control::Remember& memory, const PoseMemory& poses);
+  void say_prepared(const std::string& asset) { connection_->say_prepared(*this, asset); }
   std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.
   Condition condition() const;
 

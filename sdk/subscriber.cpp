@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "common/core/text.h"
 #include "sdk/broker.h"
 #include "sdk/memory_fetcher.h"
 #include "sdk/receiver.h"
@@ -46,12 +47,14 @@ class BrokerSubscriber final : public Subscriber {
     if (news.memory && info_) memories_.want(std::move(*news.memory), *info_);
     if (memories_.add_segments()) receiver_.hold(memories_.wanted(), memories_.poses());
     if (surfaces_.add_object()) wake();
+    if (auto asset = surfaces_.take_prepared(); !asset.empty()) receiver_.say_prepared(asset);
     std::vector<ReceivedPose> poses;
     if (held_ && surfaces_.is_shown(held_->envelope.epoch)) {
       deliver(std::move(*held_), poses);
       held_.reset();
     }
     for (ReceivedPose& pose : news.poses) {
+      carry_over(pose);
       if (surfaces_.is_shown(pose.envelope.epoch)) {
         deliver(std::move(pose), poses);
       } else if (surfaces_.is_pending(pose.envelope.epoch)) {
@@ -62,6 +65,7 @@ class BrokerSubscriber final : public Subscriber {
   }
 
   const Asset* asset() const override { return surfaces_.asset(); }
+  const ChangeOver* change() const override { return surfaces_.change(); }
   std::uint32_t epoch() const override { return surfaces_.epoch(); }
   const std::optional<control::StreamInfo>& info() const override { return info_; }
 
@@ -95,6 +99,20 @@ class BrokerSubscriber final : public Subscriber {
     woken_.notify_all();
   }
 
+  /// Those that came just before the change.
+  void carry_over(ReceivedPose& pose) const {
+    const ChangeOver* change = surfaces_.change();
+    if (change == nullptr || pose.envelope.epoch != change->from_epoch || !info_) return;
+    // Absent bands read as those of the rest pose, of which the transfer knows nothing.
+    if (pose.envelope.bands != BandMask::lowest(static_cast<std::uint8_t>(pose.band_ends.size())) || pose.next) return;
+    auto C = change->transfer.apply({pose.coefficients.begin(), pose.coefficients.end()}, pose.channels);
+    if (C.empty()) return;
+    pose.coefficients = std::move(C);
+    pose.envelope.epoch = surfaces_.epoch();
+    pose.band_ends = info_->format.band_ends;
+    pose.envelope.bands = BandMask::lowest(static_cast<std::uint8_t>(pose.band_ends.size()));
+  }
+
   /// Rows that did not come become those of the rest pose; channels beyond x, y, z zero.
   void deliver(ReceivedPose pose, std::vector<ReceivedPose>& poses) const {
     // A pose brings its own layout: what was announced with it may not be what is announced now.
@@ -111,6 +129,12 @@ class BrokerSubscriber final : public Subscriber {
     fill(pose.envelope.bands, pose.coefficients);
     if (pose.next) fill(pose.next->bands, pose.next->coefficients);
     poses.push_back(std::move(pose));
+  }
+
+  std::string live_text() const {
+    if (!info_->next) return "live";
+    if (!info_->next->asset.empty()) return "live, downloading a finer basis";
+    return formatted("live, coarse: a finer basis is being made, %.0f %%", 100 * info_->next->progress);
   }
 
   std::pair<State, std::string> state_of(const Receiver::Condition& c, const std::string& fetch_trouble) const {
@@ -130,7 +154,7 @@ class BrokerSubscriber final : public Subscriber {
     if (progress != Surfaces::Progress::kFinished)
       return {State::kLive, fetch_trouble.empty() ? std::string("live, downloading detail")
                                                   : "live, detail is late: " + fetch_trouble};
-    return {State::kLive, c.notice.empty() ? "live" : c.notice};
+    return {State::kLive, c.notice.empty() ? live_text() : c.notice};
   }
 
   const BrokerUrl url_;

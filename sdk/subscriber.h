@@ -21,6 +21,8 @@
 
 namespace eigencast {
 
+struct ChangeOver;
+
 struct SubscriberOptions {
   std::string url;                 ///< ws://host:port/stream[?rate=...]; several brokers: see common/net/url.h
   std::optional<Profile> profile;  ///< Overrides the URL's query.
@@ -77,6 +79,8 @@ class Subscriber {
   /// Holds what has arrived; null before the first chunk. Changes only inside poll(); a new epoch's asset replaces
   /// the old one once it can be drawn.
   virtual const Asset* asset() const = 0;
+  /// How asset() came in place of that of the epoch before; null: it has nothing to do with that.
+  virtual const ChangeOver* change() const = 0;
   virtual std::uint32_t epoch() const = 0;  ///< Belongs to asset(); 0 before.
   /// Is the one announced last; nothing before, or after the broker refused it.
   virtual const std::optional<control::StreamInfo>& info() const = 0;

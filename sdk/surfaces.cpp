@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/surfaces.h"
 
+#include <chrono>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -14,18 +16,77 @@ Surfaces::Surfaces(std::string cache_dir, std::function<void()> wake, LogSink lo
 bool Surfaces::announce(const control::StreamInfo& info) {
   if (info.state == control::StreamInfo::State::kWaiting || info.asset.empty()) return false;
   if (latest() && latest()->goes_on_as(info.asset)) {
+    if (latest()->epoch != info.epoch) change_.reset();
     adopt(*latest(), info);
+    prepare(info.next ? info.next->asset : std::string());
     return false;
+  }
+  const bool has_come = next_ && next_->goes_on_as(info.asset) && next_->finished() && !pending_ && shown_;
+  change_.reset();
+  if (has_come) {
+    if (next_->change.valid()) {
+      if (auto change = next_->change.get(); change && change->from_epoch == shown_->epoch) change_ = std::move(change);
+    }
+    shown_ = std::move(next_);
+    adopt(*shown_, info);
+    prepare(info.next ? info.next->asset : std::string());
+    return true;
   }
   if (shown_ && shown_->goes_on_as(info.asset)) {  // Back to what is shown before its successor could be.
     pending_.reset();
   } else {  // Also where this very surface could not be shown before: what was wrong may have been put right.
-    pending_ = std::make_unique<Slot>();
+    // Some of it may be here already.
+    pending_ = next_ && next_->goes_on_as(info.asset) ? std::move(next_) : std::make_unique<Slot>();
     pending_->asset = info.asset;
   }
+  next_.reset();
   adopt(*latest(), info);
+  if (pending_ && pending_->next_chunk > 0) shown_ = std::move(pending_);
   ask();
   return true;
+}
+
+/// After the surface that is shown: it is not to wait.
+void Surfaces::prepare(const std::string& asset) {
+  if (next_ && next_->asset == asset) return;
+  told_prepared_ = false;
+  const bool asked = next_ && working() == next_.get();
+  next_.reset();
+  if (!asset.empty() && shown_ && asset != shown_->asset) {
+    next_ = std::make_unique<Slot>();
+    next_->asset = asset;
+    next_->format.rows = 0;
+  }
+  if (asked || (next_ && working() == next_.get())) ask();
+}
+
+Surfaces::Slot* Surfaces::working() {
+  Slot* slot = latest();
+  const bool done = slot == nullptr || slot->finished() || !slot->damage.empty();
+  return done && next_ ? next_.get() : slot;
+}
+
+std::string Surfaces::take_prepared() {
+  if (!next_ || !next_->finished() || told_prepared_) return {};
+  if (next_->change.valid() && next_->change.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return {};
+  told_prepared_ = true;
+  return next_->asset;
+}
+
+/// On a thread of its own: what is shown goes on meanwhile.
+void Surfaces::begin_change(Slot& next) {
+  const auto work = [from = shown_, to = &next.reader->asset(), epoch = shown_->epoch]() -> std::optional<ChangeOver> {
+    auto transfer = Transfer::between(from->reader->asset(), *to);
+    if (!transfer) return std::nullopt;
+    auto reconstructor = std::make_shared<Reconstructor>();
+    reconstructor->update(*to);
+    return ChangeOver{epoch, std::move(*transfer), std::move(reconstructor)};
+  };
+  try {
+    next.change = std::async(std::launch::async, work);
+  } catch (const std::system_error&) {
+    next.change = std::async(std::launch::deferred, work);
+  }
 }
 
 void Surfaces::adopt(Slot& slot, const control::StreamInfo& info) {
@@ -37,6 +98,7 @@ void Surfaces::adopt(Slot& slot, const control::StreamInfo& info) {
 bool Surfaces::check_format_of(Slot& slot) {
   if (!slot.reader) return true;
   const std::uint32_t rank = slot.reader->asset().rank;
+  if (&slot == next_.get()) return true;  // Its poses are not announced yet.
   if (rank != slot.format.rows) {
     damage(slot,
            fail(ErrorCode::kCorrupt, "its basis has " + std::to_string(rank) + " columns, the stream's poses have " +
@@ -48,7 +110,9 @@ bool Surfaces::check_format_of(Slot& slot) {
 }
 
 void Surfaces::ask() {
-  Slot& slot = *latest();
+  Slot* const wanted = working();
+  if (wanted == nullptr) return fetcher_.ask({});
+  Slot& slot = *wanted;
   if (!slot.damage.empty()) return;
   std::vector<AssetFetcher::Object> objects;
   if (!slot.reader) {
@@ -63,13 +127,14 @@ void Surfaces::ask() {
 }
 
 void Surfaces::damage(Slot& slot, const Error& why) {
-  slot.damage = "the stream's surface cannot be shown: " + why.message;
+  slot.damage = std::string(&slot == next_.get() ? "the stream's next surface" : "the stream's surface") +
+                " cannot be shown: " + why.message;
   log(log_, LogLevel::kError, slot.damage);
   fetcher_.ask({});
 }
 
 bool Surfaces::add_object() {
-  Slot* slot = latest();
+  Slot* slot = working();
   if (!slot || !slot->damage.empty() || slot->finished()) return false;
   const auto bytes = fetcher_.take();
   if (!bytes) return false;
@@ -79,8 +144,10 @@ bool Surfaces::add_object() {
     damage(*slot, added.error());
   } else {
     ++slot->next_chunk;
-    if (pending_) shown_ = std::move(pending_);
+    if (slot == pending_.get()) shown_ = std::move(pending_);
+    if (slot == next_.get() && slot->finished()) begin_change(*slot);
   }
+  if (slot->finished() && working() != slot) ask();
   return true;
 }
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,13 +14,23 @@
 #include "common/core/memory_budget.h"
 #include "common/core/result.h"
 #include "common/net/url.h"
+#include "common/reconstruction/reconstruct.h"
 #include "common/wire/control.h"
 #include "sdk/asset_fetcher.h"
+#include "sdk/transfer.h"
 
 namespace eigencast {
 
+/// How poses go on where another asset of the same surface has replaced the one that was shown.
+struct ChangeOver {
+  std::uint32_t from_epoch = 0;
+  Transfer transfer;
+  std::shared_ptr<Reconstructor> reconstructor;  ///< Of the new asset, all of it.
+};
+
 /// The surface that a viewer shows, and the one of a newer epoch that is on its way and replaces it once it can be
-/// drawn. Downloads run on the fetcher's thread; everything else happens in the calls. Use from one thread.
+/// drawn. What a stream says is to come next is fetched when that is done, and replaces it at once. Downloads run on
+/// the fetcher's thread; everything else happens in the calls. Use from one thread.
 class Surfaces {
  public:
   /// wake  is called on the fetcher's thread
@@ -32,6 +43,11 @@ class Surfaces {
   bool announce(const control::StreamInfo& info);
   /// Takes at most one, so that no call takes long. True: there may be another one ready.
   bool add_object();
+
+  /// The asset that is to come next, once it is here, whole; then empty until there is another.
+  std::string take_prepared();
+  /// How asset() replaced the one before; null: it has nothing to do with that.
+  const ChangeOver* change() const { return change_ ? &*change_ : nullptr; }
 
   /// What is drawn; null before the first chunk of the first surface.
   const Asset* asset() const { return shown_ ? &shown_->reader->asset() : nullptr; }
@@ -56,6 +72,7 @@ class Surfaces {
     std::uint64_t total_bytes = 0;
     MemoryBudget::Share memory;
     std::string damage;
+    std::future<std::optional<ChangeOver>> change{};  ///< From what was shown when it was whole.
 
     bool finished() const { return reader && next_chunk == reader->chunks().size(); }
     bool goes_on_as(const std::string& id) const { return asset == id && damage.empty(); }
@@ -68,15 +85,22 @@ class Surfaces {
   void adopt(Slot& slot, const control::StreamInfo& info);
   /// Damages the slot if the announced poses cannot deform its surface; true if they can.
   bool check_format_of(Slot& slot);
+  /// What the next object is for.
+  Slot* working();
+  void prepare(const std::string& asset);
+  void begin_change(Slot& next);
   void ask();
   void read_manifest(Slot& slot, ByteView bytes);
   void damage(Slot& slot, const Error& why);
 
   const LogSink log_;
   MemoryBudget& memory_;
-  std::unique_ptr<Slot> shown_;    ///< Drawable.
+  std::shared_ptr<Slot> shown_;    ///< Drawable.
   std::unique_ptr<Slot> pending_;  ///< Holds the newest epoch until its first chunk is in.
-  AssetFetcher fetcher_;           ///< Last, so that it ends first.
+  std::unique_ptr<Slot> next_;     ///< Of an epoch to come.
+  std::optional<ChangeOver> change_;
+  bool told_prepared_ = false;
+  AssetFetcher fetcher_;  ///< Last, so that it ends first.
 };
 
 }  // namespace eigencast

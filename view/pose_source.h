@@ -34,6 +34,8 @@ class PoseSource {
   /// Holds as much as has arrived; null before the first chunk. Valid until the next poll().
   virtual const Asset* asset() const = 0;
   virtual std::uint32_t epoch() const = 0;
+  /// How asset() came in place of that of the epoch before; null: it has nothing to do with that. As asset().
+  virtual const ChangeOver* change() const { return nullptr; }
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Subscriber::Stats stats() const = 0;
   /// The exact surface, if it is known here; else null. Owned by the source.

@@ -9,6 +9,7 @@ class SubscriberSource final : public PoseSource {
   explicit SubscriberSource(std::unique_ptr<Subscriber> subscriber) : subscriber_(std::move(subscriber)) {}
   std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override { return subscriber_->poll(timeout); }
   const Asset* asset() const override { return subscriber_->asset(); }
+  const ChangeOver* change() const override { return subscriber_->change(); }
   std::uint32_t epoch() const override { return subscriber_->epoch(); }
   const std::optional<control::StreamInfo>& info() const override { return subscriber_->info(); }
   Subscriber::Stats stats() const override { return subscriber_->stats(); }

@@ -10,6 +10,7 @@
 #include <glm/geometric.hpp>
 #include <utility>
 
+#include "sdk/surfaces.h"
 #include "view/creases.h"
 
 namespace eigencast {
@@ -106,16 +107,41 @@ void SurfaceView::follow_epoch(const PoseSource& source) {
   if (!has_asset_ || epoch_ != source.epoch()) {
     // A sender that comes back with the same surface: keep what is shown until its first pose.
     const bool same = has_asset_ && !id.empty() && id == asset_id_;
+    const ChangeOver* change = source.change();
+    const bool goes_on = has_asset_ && change != nullptr && change->from_epoch == epoch_;
     has_asset_ = true;
     epoch_ = source.epoch();
-    reconstructor_ = std::make_shared<Reconstructor>();
     asset_id_ = id;
+    if (goes_on && change_over(*change, *asset)) return;
+    reconstructor_ = std::make_shared<Reconstructor>();
     playout_.reset();
     shown_time_.reset();
     if (!same) show_rest(*asset);
   } else if (!id.empty()) {
     asset_id_ = id;
   }
+}
+
+/// What is shown, and what is to be, as poses of the new asset. Vertices, faces and rest pose are those of before.
+bool SurfaceView::change_over(const ChangeOver& change, const Asset& asset) {
+  const auto carried = [&](const Coefficients& C, std::uint32_t channels) {
+    return change.transfer.apply({C.begin(), C.end()}, channels);
+  };
+  auto C = carried(coefficients_, channels_);
+  if (C.empty()) return false;
+  coefficients_ = std::move(C);
+  playout_.replace_poses([&](const Coefficients& pose) {
+    return Coefficients(carried(pose, static_cast<std::uint32_t>(pose.size() / change.transfer.from_rank())));
+  });
+  reconstructor_ = change.reconstructor;
+  fade_.reset();
+  stream_bands_ = {};
+  forget_rebuilt();
+  triangles_.forget();
+  ++level_version_;
+  update_barycentre(asset);
+  facts_rows_ = asset.rows_ready;
+  return true;
 }
 
 void SurfaceView::show_rest(const Asset& asset) {
@@ -285,7 +311,11 @@ void SurfaceView::update_facts(const PoseSource& source) {
   ++geometry_.crease_version;
   facts_.up_axis = asset.up_axis;
   ++facts_.version;
-  // Mass times basis, over the mass; in the harmonic basis only the constant column.
+  update_barycentre(asset);
+}
+
+/// Mass times basis, over the mass; in the harmonic basis only the constant column.
+void SurfaceView::update_barycentre(const Asset& asset) {
   barycentre_weights_.assign(asset.rank, 0);
   double mass = 0;
   for (std::size_t i = 0; i < asset.rows_ready; ++i) {

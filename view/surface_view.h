@@ -85,7 +85,8 @@ struct SceneOptions {
 };
 
 /// Turns the poses of a PoseSource into the surface to draw now; of an unchanged pose only new vertices are rebuilt.
-/// Keeps the last pose while none comes, even if a new epoch brings the same asset; draws the rest pose before the
+/// Keeps the last pose while none comes, even if a new epoch brings the same asset; goes on without a jump where one
+/// brings another asset of the same surface (ChangeOver); draws the rest pose before the
 /// first one, and as much of an asset as has arrived. Not thread-safe.
 class SurfaceView {
  public:
@@ -148,6 +149,8 @@ class SurfaceView {
 
  private:
   void follow_epoch(const PoseSource& source);
+  bool change_over(const ChangeOver& change, const Asset& asset);
+  void update_barycentre(const Asset& asset);
   void show_rest(const Asset& asset);
   void add_pose(const ReceivedPose& pose, const Asset& asset);
   bool choose_pose(const PoseSource& source, TimeUs now_us);

@@ -227,6 +227,19 @@ void Backbone::claim(const std::string& stream, const control::Announce& announc
   try_claim(stream);
 }
 
+std::uint32_t Backbone::epochs_before(const std::string& name) const {
+  const Directory::Known* known = directory_.find(name);
+  const Stream* stream = hub_->find(name);
+  // A row is forgotten in time; what viewers here have seen is not.
+  const std::uint32_t of_row = known != nullptr && known->entry ? known->entry->epoch : 0;
+  // A row may end at kMaxForeignEpoch; one above it would be believed by nobody.
+  return std::max(of_row < kMaxForeignEpoch ? of_row : 0, stream != nullptr ? stream->epoch() : 0);
+}
+
+Result<std::uint32_t> Backbone::next_epoch(const std::string& stream) {
+  return environment_.next_epoch(epochs_before(stream));
+}
+
 void Backbone::try_claim(const std::string& name) {
   const auto found = claims_.find(name);
   if (found == claims_.end()) return;
@@ -241,13 +254,9 @@ void Backbone::try_claim(const std::string& name) {
                                                      "' already has a sender, at another broker, and a stream has one "
                                                      "at a time: stop that one, or publish under another name"));
   }
-  const Directory::Known* known = directory_.find(name);
   const Stream* stream = hub_->find(name);
-  // A row is forgotten in time; what viewers here have seen is not.
-  const std::uint32_t of_row = known != nullptr && known->entry ? known->entry->epoch : 0;
   const std::string sender = stream != nullptr ? sender_of(stream->holder(), salt_) : "";
-  // A row may end at kMaxForeignEpoch; one above it would be believed by nobody.
-  const std::uint32_t above = std::max(of_row < kMaxForeignEpoch ? of_row : 0, stream != nullptr ? stream->epoch() : 0);
+  const std::uint32_t above = epochs_before(name);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
     if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
     return grant(name, epoch_apart(above));
@@ -352,6 +361,16 @@ void Backbone::on_memory(const Stream& stream) {
     for (const auto& segment : memory->segments) notice.segments.push_back(*Sha256::from_hex(segment.id));
   }
   if (connected_) link_.publish(subject_of_memory(found->second.frames), bytes_from(notice), stream.holder().key);
+}
+
+void Backbone::on_next(const Stream& stream) {
+  const auto found = own_.find(stream.name());
+  if (found == own_.end()) return;
+  const NextPtr& next = stream.snapshot().next;
+  std::string asset = next ? next->asset : "";
+  if (found->second.entry.next == asset) return;
+  found->second.entry.next = std::move(asset);
+  note(stream.name());
 }
 
 void Backbone::on_stalled(const Stream& stream) {

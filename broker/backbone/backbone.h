@@ -52,10 +52,12 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
              Granted granted) override;
 
+  Result<std::uint32_t> next_epoch(const std::string& stream) override;
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
   void on_memory(const Stream& stream) override;
+  void on_next(const Stream& stream) override;
   void on_demand_changed(const Stream& stream) override { following_.note(stream.name()); }
   void on_forgotten(const Stream& stream) override;
 
@@ -94,6 +96,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void reconcile_own(const std::string& name);
   void note(const std::string& name);
   void forget();
+  std::uint32_t epochs_before(const std::string& name) const;
   void try_claim(const std::string& name);
   Result<std::uint32_t> epoch_apart(std::uint32_t above) const;
   void grant(const std::string& name, Result<std::uint32_t> epoch);

@@ -43,6 +43,7 @@ std::string text_from_entry(const DirectoryEntry& entry) {
                       {"announce", text_from_control(entry.announce)}};
   if (!entry.resume.empty()) json["resume"] = entry.resume;
   if (!entry.sender.empty()) json["sender"] = entry.sender;
+  if (!entry.next.empty()) json["next"] = entry.next;
   return json.dump();
 }
 
@@ -68,13 +69,15 @@ Result<DirectoryEntry> entry_from_text(std::string_view text) {
   if (const auto format = check_format(announced->format); !format) return corrupt(format.error().message);
   entry.announce = *announced;
   entry.announce.resume.clear();  // No broker writes one.
-  for (const auto& [key, text_of] : {std::pair("resume", &entry.resume), std::pair("sender", &entry.sender)}) {
+  for (const auto& [key, text_of] :
+       {std::pair("resume", &entry.resume), std::pair("sender", &entry.sender), std::pair("next", &entry.next)}) {
     const auto found = json.find(key);
     if (found == json.end()) continue;
     if (!found->is_string()) return corrupt(key);
     *text_of = found->get<std::string>();
     if (text_of->empty() || text_of->size() > kMaxProofBytes) return corrupt(key);
   }
+  if (!entry.next.empty() && !Sha256::from_hex(entry.next)) return corrupt("next");
   return entry;
 }
 

@@ -23,6 +23,7 @@ struct DirectoryEntry {
   control::Announce announce;  ///< One per epoch and owner.
   std::string resume = {};     ///< Likewise: Resume::issued. Empty: of an older broker.
   std::string sender = {};     ///< Likewise: sender_of().
+  std::string next = {};       ///< The asset that the next epoch is to bring, in hexadecimal; empty: none is known.
   bool operator==(const DirectoryEntry&) const = default;
 };
 

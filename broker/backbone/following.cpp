@@ -49,6 +49,7 @@ struct Following::Remote final : PublisherLink {
   Follower follower;
   Phase phase = Phase::kWaiting;
   TimeUs next_us = 0;
+  std::string next = {};  ///< As in the directory; fetched for the viewers here.
   bool watched = true;
   TimeUs watched_us = 0;               ///< When the stream last had watchers.
   std::shared_ptr<void> subscription;  ///< To keys that need no memory; null: `recalls`.
@@ -157,6 +158,7 @@ void Following::advance(const RemotePtr& remote) {
   if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
   if (remote->phase == Remote::Phase::kFetched) begin(remote);
   if (remote->phase != Remote::Phase::kFollowing) return;
+  fetch_next(remote);
   if (remote->follower.wants_join(now)) ask_join(remote);
   if (!remote->wants_memory() || remote->loading || now < remote->memory_next_us) return;
   remote->memory_next_us = now + settings_.retry_us;
@@ -187,6 +189,27 @@ void Following::fetch_surface(const RemotePtr& remote) {
                       "' does not come, trying again: " + fetched.error().message);
   };
   assets_.fetch(remote->entry.owner, *asset, payer_of(remote->entry), environment_.now_us(), took);
+}
+
+/// So that the next epoch begins without waiting for its surface, here and at the viewers.
+void Following::fetch_next(const RemotePtr& remote) {
+  const DirectoryEntry* holder = directory_.live(remote->stream->name(), environment_.now_us());
+  const DirectoryEntry& entry = remote->entry;
+  if (holder == nullptr || holder->owner != entry.owner || holder->epoch != entry.epoch || holder->next == remote->next)
+    return;
+  remote->next = holder->next;
+  const auto asset = Sha256::from_hex(remote->next);
+  if (!asset) {
+    remote->stream->prepare(nullptr);
+    return hub_->mark_dirty(*remote->stream);
+  }
+  const auto took = [this, weak = std::weak_ptr(remote), id = remote->next](const Result<void>& fetched) {
+    const auto still = weak.lock();
+    if (!fetched || !still || still->stream == nullptr || still->next != id) return;
+    still->stream->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{id, 1}));
+    hub_->mark_dirty(*still->stream);
+  };
+  assets_.fetch(entry.owner, *asset, payer_of(entry), environment_.now_us(), took);
 }
 
 void Following::begin(const RemotePtr& remote) {

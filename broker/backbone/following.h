@@ -105,6 +105,7 @@ class Following {
   void unfollow(const std::string& name);
   void advance(const RemotePtr& remote);
   void fetch_surface(const RemotePtr& remote);
+  void fetch_next(const RemotePtr& remote);
   void begin(const RemotePtr& remote);
   void ask_join(const RemotePtr& remote);
   void take(const RemotePtr& remote, Bytes message, bool recalled);

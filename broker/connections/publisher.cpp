@@ -18,6 +18,7 @@ namespace {
 
 /// A sender asks whether its surface is here before it announces it.
 constexpr TimeUs kContestUs = 3'000'000;
+constexpr TimeUs kProgressUs = 900'000;
 constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
 
 constexpr double kSegmentUs = 20;  ///< Of a memory: what its entries here take.
@@ -92,7 +93,8 @@ void Publisher::on_message(const ControlMessage& message) {
     return charge(stream_->take_unpaid_us());
   }
   if (const auto* memory = std::get_if<control::Remember>(&message)) return on_remember(*memory);
-  send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, remember, trace, ping and pong"), name_);
+  if (const auto* progress = std::get_if<control::Progress>(&message)) return on_progress(*progress);
+  send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, remember, progress, trace, ping and pong"), name_);
 }
 
 void Publisher::on_announce(control::Announce announce) {
@@ -118,6 +120,9 @@ void Publisher::on_announce(control::Announce announce) {
   if (auto taken = grant().take_announcement(stream_->epoch() == 0, context().turn.now_us()); !taken) {
     return refuse(taken.error(), name_, websocket::CloseCode::kTryAgainLater);
   }
+  preparing_.reset();
+  if (announce.continues && is_announced()) return prepare(std::move(announce));
+  announce.continues = false;
   const auto secret = new_resume_secret();
   if (!secret) return answer(secret.error());
   resume.issued = resume_proof(*secret, identity.key);
@@ -132,6 +137,51 @@ void Publisher::on_announce(control::Announce announce) {
     if (const auto alive = self.lock()) begin(announce, *secret, resume.issued, epoch);
   };
   context().ownership.claim(name_, announce, resume, granted);
+}
+
+void Publisher::prepare(control::Announce announce) {
+  // Each viewer is told.
+  charge(kBeginAnewUs * stream_->watchers());
+  stream_->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{announce.asset, 1}));
+  context().hub.mark_dirty(*stream_);
+  log(context().log, LogLevel::kInfo, name() + ": viewers fetch asset " + announce.asset.substr(0, 12));
+  preparing_since_us_ = context().turn.now_us();
+  preparing_ = std::move(announce);
+  if (stream_->watchers() == 0) announce_prepared();
+}
+
+/// Nine of ten viewers have it, or the time is over.
+void Publisher::announce_prepared() {
+  if (!preparing_ || stream_ == nullptr || !is_announced()) return;
+  if (!stream_->is_prepared(context().turn.now_us() - preparing_since_us_)) return;
+  const control::Announce announce = *std::exchange(preparing_, std::nullopt);
+  const auto refuse_it = [&](const Error& error) {
+    stream_->prepare(nullptr);
+    context().hub.mark_dirty(*stream_);
+    send_error(error, name_);
+  };
+  const StreamHolder holder{grant().holder(), grant().identity().key.empty() && !grant().identity().local,
+                            grant().is_spared()};
+  const auto epoch = context().ownership.next_epoch(name_);
+  if (!epoch) return refuse_it(epoch.error());
+  if (auto held = context().hub.hold_keys(*stream_, holder, announce.format); !held) return refuse_it(held.error());
+  const auto secret = new_resume_secret();
+  if (!secret) return refuse_it(secret.error());
+  const auto tag = stream_->announce_next(announce, *epoch, resume_proof(*secret, grant().identity().key));
+  if (!tag) return refuse_it(tag.error());
+  log(context().log, LogLevel::kInfo,
+      name() + ": epoch " + std::to_string(*epoch) + " follows without a gap, asset " + announce.asset.substr(0, 12));
+  send(control::Announced{name_, stream_->id(), *epoch, *tag, *secret});
+}
+
+/// Told to viewers once a second at most.
+void Publisher::on_progress(const control::Progress& progress) {
+  const TimeUs now = context().turn.now_us();
+  if (stream_ == nullptr || !is_announced() || preparing_ || now - progress_us_ < kProgressUs) return;
+  progress_us_ = now;
+  charge(kBeginAnewUs * stream_->watchers());
+  stream_->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{{}, progress.fraction}));
+  context().hub.mark_dirty(*stream_);
 }
 
 void Publisher::begin(const control::Announce& announce, const std::string& secret, const std::string& proof,
@@ -160,7 +210,7 @@ void Publisher::answer_memory(std::uint32_t generation, const Result<void>& held
 }
 
 void Publisher::on_remember(const control::Remember& memory) {
-  if (stream_ == nullptr || stream_->resume().empty()) return;  // It has not announced.
+  if (stream_ == nullptr || !is_announced()) return;
   const auto refuse_memory = [&](ErrorCode code, std::string why) {
     answer_memory(memory.generation, fail(code, std::move(why)));
   };
@@ -249,6 +299,7 @@ void Publisher::on_watcher_count(std::uint32_t count) {
 
 void Publisher::on_tick() {
   if (contested_until_us_ && context().turn.now_us() > *contested_until_us_) (void)claim_contested({});
+  announce_prepared();
   if (!reported_) return;
   report_count();
   request_trace();  // At most once a second, so that changing viewers do not fill the queue.

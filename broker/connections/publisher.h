@@ -38,8 +38,14 @@ class Publisher final : public Connection, public PublisherLink {
   void answer_memory(std::uint32_t generation, const Result<void>& held);
   /// REQUIRES: no stream yet. False: refused.
   bool claim_contested(const std::string& shown);
+  /// What viewers are to fetch before the epoch begins that continues the present one.
+  void prepare(control::Announce announce);
+  void announce_prepared();
+  void on_progress(const control::Progress& progress);
   void begin(const control::Announce& announce, const std::string& secret, const std::string& proof,
              const Result<std::uint32_t>& epoch);
+  /// REQUIRES: stream_.
+  bool is_announced() const { return !stream_->resume().empty(); }
   void release();
   void report_count();
   void request_trace();
@@ -51,6 +57,8 @@ class Publisher final : public Connection, public PublisherLink {
   std::uint32_t watchers_ = 0;
   std::optional<std::uint32_t> reported_;
   std::uint32_t requested_trace_ = 0;
+  std::optional<control::Announce> preparing_;  ///< What viewers fetch the asset of now.
+  TimeUs preparing_since_us_ = 0, progress_us_ = 0;
   std::uint32_t loading_ = 0;  ///< The epoch of the memory that is being read; 0: none.
 };
 

@@ -38,7 +38,12 @@ void Subscriber::on_message(const ControlMessage& message) {
     if (Stream* stream = context().hub.find(request->stream)) stream->trace(*this, request->every);
     return;
   }
-  send_error(fail(ErrorCode::kUnsupported, "a viewer sends subscribe, unsubscribe, trace_request, ack, ping and pong"),
+  if (const auto* held = std::get_if<control::Prepared>(&message)) {
+    if (Stream* stream = context().hub.find(held->stream)) stream->note_prepared(*this, held->asset);
+    return;
+  }
+  send_error(fail(ErrorCode::kUnsupported,
+                  "a viewer sends subscribe, unsubscribe, prepared, trace_request, ack, ping and pong"),
              {});
 }
 

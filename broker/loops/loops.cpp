@@ -16,6 +16,7 @@ namespace {
 
 // Poses of many streams due within this gap are pumped together.
 constexpr TimeUs kMinPumpGapUs = 1000;
+constexpr TimeUs kClusterPrepareUs = 5'000'000;  // What viewers at other brokers have to fetch a next asset.
 
 Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, std::shared_ptr<StreamIds> ids,
                            std::shared_ptr<StreamMemory> memory, std::function<void(Stream&)> on_opened) {
@@ -27,7 +28,8 @@ Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, s
                      .max_ahead_us = config.frames.max_ahead_ms * 1000,
                      .max_bytes = config.limits.max_stream_bytes,
                      .max_memory_bytes = config.memory.max_bytes,
-                     .memory = std::move(memory)},
+                     .memory = std::move(memory),
+                     .min_prepare_us = config.backbone.servers.empty() ? TimeUs{0} : kClusterPrepareUs},
           .ids = std::move(ids),
           .on_opened = std::move(on_opened)};
 }

@@ -119,6 +119,12 @@ Feed::Feed(const Profile& profile, const Source& source, Payer payer)
       pacer_(profile.k, source.max_span_us, profile.scheme == Profile::Scheme::kCatmullRom ? 1 : 0),
       forecaster_(profile.k, source.max_ahead_us, source.max_span_us) {}
 
+void Feed::keep_pace_of(const Feed& former) {
+  if (former.profile_.k != profile_.k || former.profile_.scheme != profile_.scheme) return;
+  pacer_ = former.pacer_;
+  forecaster_ = former.forecaster_;
+}
+
 void Feed::begin_at(KeyRecordPtr record) {
   assert(!last_emitted_ && pending_.empty());
   pacer_.add_key(record->sequence, record->capture_us, record->arrival_us);

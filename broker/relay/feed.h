@@ -84,6 +84,9 @@ class Feed {
   /// profile  bands within the layout; Hermite only with velocities
   Feed(const Profile& profile, const Source& source, Payer payer);
 
+  /// Keys come as they came to `former`, of the epoch before, whose numbers and times go on. REQUIRES: likewise.
+  void keep_pace_of(const Feed& former);
+
   /// Starts from a key that arrived before this feed existed. REQUIRES: nothing was added yet.
   void begin_at(KeyRecordPtr record);
 

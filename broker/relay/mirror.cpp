@@ -80,6 +80,10 @@ void MirrorOrigin::on_memory(const Stream& stream) {
   if (!followed_.empty()) broadcast(stream, {stream.share(), stream.memory()});
 }
 
+void MirrorOrigin::on_next(const Stream& stream) {
+  if (!followed_.empty()) broadcast(stream, {stream.share(), stream.snapshot().next});
+}
+
 void MirrorOrigin::broadcast(const Stream& stream, const MirrorEvent& event) {
   const auto found = followed_.find(stream.name());
   if (found == followed_.end()) return;
@@ -194,6 +198,8 @@ void MirrorSet::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
       stream.take_record(*record, now_us);
     } else if (const auto* memory = std::get_if<GenerationPtr>(&event.what)) {
       stream.set_memory(*memory);
+    } else if (const auto* next = std::get_if<NextPtr>(&event.what)) {
+      stream.set_next(*next);
     } else if (const auto* trace = std::get_if<MirrorEvent::TracePtr>(&event.what)) {
       stream.relay_trace(**trace);
     } else {

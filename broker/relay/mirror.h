@@ -22,8 +22,8 @@ struct MirrorEvent {
   using TracePtr = std::shared_ptr<const control::Trace>;
   std::shared_ptr<StreamShare> share;  ///< Keeps the stream's id from being used again meanwhile.
   /// SnapshotPtr: the answer to kFollow, and each announcement.
-  /// GenerationPtr: the memory, or none any more.
-  std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr, GenerationPtr> what;
+  /// GenerationPtr: the memory, or none any more. NextPtr: likewise what the next epoch is to bring.
+  std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr, GenerationPtr, NextPtr> what;
 };
 using MirrorEvents = std::vector<MirrorEvent>;
 /// 1, and 1 for each 4 KiB that its key takes.
@@ -62,6 +62,7 @@ class MirrorOrigin final : public StreamTap {
   void on_stalled(const Stream& stream) override;
   void on_trace(const Stream& stream, const control::Trace& trace) override;
   void on_memory(const Stream& stream) override;
+  void on_next(const Stream& stream) override;
   void on_forgotten(const Stream&) override {}  // Never while mirrored.
 
  private:

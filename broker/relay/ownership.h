@@ -70,6 +70,8 @@ class Ownership {
   /// Errors: kRefused (the stream has a sender at another broker, and `resume` shows nothing of it), kIo.
   virtual void claim(const std::string& stream, const control::Announce& announce, const Resume& resume,
                      Granted granted) = 0;
+  /// For the sender that has the stream already, which goes on: an epoch as of claim(). Errors: kIo.
+  virtual Result<std::uint32_t> next_epoch(const std::string& stream) = 0;
 };
 
 class SoleOwnership final : public Ownership {
@@ -78,6 +80,7 @@ class SoleOwnership final : public Ownership {
   void claim(const std::string&, const control::Announce&, const Resume&, Granted granted) override {
     granted(next_epoch_());
   }
+  Result<std::uint32_t> next_epoch(const std::string&) override { return next_epoch_(); }
 
  private:
   std::function<Result<std::uint32_t>()> next_epoch_;

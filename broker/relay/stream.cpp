@@ -42,6 +42,22 @@ void StreamShare::announce() {
   charge.reset();
 }
 
+void StreamShare::begin_preparing(const std::string& asset) {
+  const std::lock_guard lock(mutex);
+  to_prepare = asset;
+  prepared_by = 0;
+}
+
+void StreamShare::note_prepared(const std::string& asset, std::int64_t viewers) {
+  const std::lock_guard lock(mutex);
+  if (asset == to_prepare) prepared_by = std::max<std::int64_t>(0, prepared_by + viewers);
+}
+
+std::int64_t StreamShare::prepared() {
+  const std::lock_guard lock(mutex);
+  return prepared_by;
+}
+
 Result<std::shared_ptr<void>> StreamShare::take_place(const std::string& holder, std::uint32_t max) {
   const std::lock_guard lock(mutex);
   if (watchers.fits(holder, 1, max)) return watchers.hold(holder, 1);
@@ -137,6 +153,8 @@ void Stream::release(PublisherLink& link) {
 }
 
 void Stream::stall() {
+  coming_.reset();
+  present_.next.reset();
   if (!std::exchange(present_.live, false)) return;
   info_texts_.clear();
   deliver();
@@ -151,9 +169,47 @@ Result<void> Stream::announce(const control::Announce& announce, std::uint32_t e
   return begun;
 }
 
+void Stream::prepare(NextPtr next) {
+  if (next) share_->begin_preparing(next->asset);
+  set_next(std::move(next));
+}
+
+void Stream::set_next(NextPtr next) {
+  deliver();
+  coming_.reset();
+  for (auto& [watcher, watched] : watched_) watched.prepared = false;
+  present_.next = std::move(next);
+  info_texts_.clear();
+  for (StreamTap* tap : settings_.taps) tap->on_next(*this);
+  if (present_.epoch == 0) return;
+  for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
+}
+
+bool Stream::is_prepared(TimeUs waited_us) const {
+  if (waited_us >= kMostPrepareUs) return true;
+  return waited_us >= settings_.min_prepare_us && 10 * share_->prepared() >= 9 * std::int64_t{watchers()};
+}
+
+Result<std::uint8_t> Stream::announce_next(const control::Announce& announce, std::uint32_t epoch,
+                                           const std::string& resume) {
+  if (const auto codec = codec_from_name(announce.format.codec); !codec) return codec.error();
+  coming_ = Coming{{announce, epoch, true, nullptr, ++share_->tag}, resume};
+  return coming_->snapshot.tag;
+}
+
+void Stream::note_prepared(const Watcher& watcher, const std::string& asset) {
+  const auto found = watched_.find(&watcher);
+  if (found == watched_.end() || !present_.next || present_.next->asset != asset) return;
+  if (!std::exchange(found->second.prepared, true)) share_->note_prepared(asset, 1);
+}
+
 Result<void> Stream::restore(const Snapshot& snapshot) {
   assert(snapshot.epoch >= present_.epoch);
   deliver();
+  coming_.reset();
+  // The one before gives its pace to the one that continues it.
+  const bool continues = snapshot.announced.continues && present_.epoch != 0 && snapshot.epoch != present_.epoch;
+  const bool keeps_next = snapshot.next && present_.next && *snapshot.next == *present_.next;
   if (snapshot.epoch != 0) {
     const StreamFormat& format = snapshot.announced.format;
     const auto codec = codec_from_name(format.codec);
@@ -165,8 +221,13 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
     layout_ = {*codec, format.rows, format.channels, format.band_ends};
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
     plain_.reset();
-    groups_.clear();
-    for (Watcher* watcher : order_) join_group(*watcher, watched_.at(watcher));
+    const auto former = std::exchange(groups_, {});
+    for (Watcher* watcher : order_) {
+      Watched& watched = watched_.at(watcher);
+      watched.prepared &= keeps_next;
+      const Group* group = std::exchange(watched.group, nullptr);
+      join_group(*watcher, watched, continues && group != nullptr ? &group->feed : nullptr);
+    }
   }
   awaits_snapshot_ = false;
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
@@ -183,6 +244,11 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
   if (!present_.live) return fail(ErrorCode::kCorrupt, "a frame came before 'announce': announce the surface first");
   const auto frame = parse_frame(message);
   if (!frame) return frame.error();
+  if (coming_ && frame->envelope.tag == coming_->snapshot.tag) {
+    resume_ = coming_->resume;
+    const Snapshot begins = std::move(coming_->snapshot);
+    if (auto begun = restore(begins); !begun) return begun;
+  }
   if (frame->envelope.tag != present_.tag)
     return fail(ErrorCode::kCorrupt, "tag " + std::to_string(frame->envelope.tag) + " is not that of 'announced', " +
                                          std::to_string(present_.tag) + ": wait for it before the first frame");
@@ -305,6 +371,9 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     const bool follows = newest && head.sequence == newest->sequence + 1;
     if (follows && head.age_us == head.capture_us - newest->capture_us && state->older == newest->after->newer)
       before = newest->after;
+    // The older key stands for the last one of the epoch before.
+    if (!newest && present_.announced.continues && head.age_us > 0)
+      before = std::make_shared<const ChainState>(advanced(std::nullopt, Key(state->older), 0));
     after = std::make_shared<const ChainState>(std::move(*state));
   } else {
     const ChainState& state = *newest->after;
@@ -340,10 +409,12 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   const auto before = watched_.find(&watcher);
   const bool known = before != watched_.end();
   const std::uint32_t generation = known ? before->second.generation : 0;
+  const bool prepared = known && before->second.prepared;
   auto place = known ? forget(watcher) : share_->take_place(watcher.holder(), settings_.max_watchers);
   if (!place) return place.error();
   if (!known) order_.push_back(&watcher);
   Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr, std::move(*place), generation};
+  if (prepared && present_.next) note_prepared(watcher, present_.next->asset);
   if (present_.epoch != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
   if (!known) report_count();
@@ -459,6 +530,7 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.format = present_.announced.format;
   info.key_rate_hz = present_.announced.key_rate_hz;
   info.world = present_.announced.world;
+  if (present_.next) info.next = *present_.next;
   info.profile = profile_of(watcher);
   return info;
 }
@@ -516,7 +588,7 @@ Profile Stream::affordable(const Watched& watched, const Watcher& watcher) const
   return fits ? next : nearest_profile(profile, served, false);
 }
 
-void Stream::join_group(Watcher& watcher, Watched& watched) {
+void Stream::join_group(Watcher& watcher, Watched& watched, const Feed* former) {
   const Profile profile = affordable(watched, watcher);
   const bool plain = needs_plain(watched);
   auto& group = groups_[{profile, plain}];
@@ -527,6 +599,7 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
                                     Feed::Source{layout_, velocities, id(), present_.epoch, present_.tag,
                                                  settings_.max_span_us, settings_.max_ahead_us});
     group->memory = settings_.memory->encoded.hold(watcher.holder(), encoded_bytes(layout_, profile));
+    if (former != nullptr) group->feed.keep_pace_of(*former);
     double work_us = 0;
     if (present_.newest) group->feed.begin_at(plain ? this->plain(&work_us) : present_.newest);
     watcher.charge_key(work_us);
@@ -539,6 +612,7 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
 std::shared_ptr<void> Stream::forget(const Watcher& watcher) {
   const auto found = watched_.find(&watcher);
   leave_group(watcher, found->second);
+  if (found->second.prepared && present_.next) share_->note_prepared(present_.next->asset, -1);
   auto place = std::move(found->second.place);
   watched_.erase(found);
   return place;

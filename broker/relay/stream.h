@@ -70,6 +70,7 @@ class StreamTap {
   virtual void on_demand_changed(const Stream& /*stream*/) {}
   virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
   virtual void on_memory(const Stream& /*stream*/) {}
+  virtual void on_next(const Stream& /*stream*/) {}
   virtual void on_forgotten(const Stream& stream) = 0;
 };
 
@@ -80,6 +81,11 @@ struct StreamShare {
   /// A place among `max` watchers in all loops, until the pointer ends, before which the share must not.
   /// Errors: kTooLarge (none is free; the holder has its share).
   Result<std::shared_ptr<void>> take_place(const std::string& holder, std::uint32_t max);
+  /// `asset` is to be prepared from now on, by none of the viewers yet.
+  void begin_preparing(const std::string& asset);
+  /// So many more viewers have prepared it; ignored for another than the latest asset.
+  void note_prepared(const std::string& asset, std::int64_t viewers);
+  std::int64_t prepared();
   const std::uint32_t id;
   std::atomic<std::uint8_t> tag;              ///< Of the latest epoch.
   Shares watchers;                            ///< In all loops.
@@ -87,6 +93,8 @@ struct StreamShare {
   std::mutex mutex;
   bool announced = false;        ///< GUARDED_BY(mutex)
   std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
+  std::string to_prepare;        ///< GUARDED_BY(mutex)
+  std::int64_t prepared_by = 0;  ///< GUARDED_BY(mutex) Viewers of all loops.
 };
 
 /// What the streams of a broker hold, in bytes, by estimates from their formats. Thread-safe.
@@ -137,6 +145,8 @@ class StreamIds {
   std::size_t sweep_at_ = 64;                                              ///< GUARDED_BY(mutex_)
 };
 
+using NextPtr = std::shared_ptr<const control::StreamInfo::Next>;
+
 /// The state of a stream from which another event loop can continue.
 struct Snapshot {
   control::Announce announced;
@@ -146,6 +156,7 @@ struct Snapshot {
   std::uint8_t tag = 0;     ///< Stands for the epoch in frames.
   GenerationPtr memory{};   ///< Null: none.
   std::uint32_t used = 0;   ///< The newest generation that a key needed; 0: none since the memory's root.
+  NextPtr next{};           ///< Null: no other epoch is being prepared.
 };
 using SnapshotPtr = std::shared_ptr<const Snapshot>;
 
@@ -162,7 +173,11 @@ class Stream {
     std::int64_t max_bytes = Shares::kUnlimited;         ///< Of memory->keys, and of memory->encoded.
     std::int64_t max_memory_bytes = Shares::kUnlimited;  ///< Of memory->poses.
     std::shared_ptr<StreamMemory> memory = std::make_shared<StreamMemory>();  ///< Of all hubs of a broker.
+    /// How long viewers have to fetch the next asset: kMostPrepareUs at most, and this at least, as viewers at other
+    /// brokers are not counted.
+    TimeUs min_prepare_us = 0;
   };
+  static constexpr TimeUs kMostPrepareUs = 30'000'000;
 
   Stream(std::string name, std::uint32_t id, const Settings& settings)
       : Stream(std::move(name), std::make_shared<StreamShare>(id), settings) {}
@@ -179,6 +194,16 @@ class Stream {
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch, const std::string& resume = {});
   /// Resume::issued of its publisher; empty: it has not announced.
   const std::string& resume() const { return resume_; }
+
+  /// Shows viewers what the next epoch is to bring, an asset of which none holds; null: nothing any more.
+  void prepare(NextPtr next);
+  /// The same for mirrors of a stream of another loop.
+  void set_next(NextPtr next);
+  /// Whether nine of ten viewers hold the next asset, or have had the time, `waited_us` after prepare().
+  bool is_prepared(TimeUs waited_us) const;
+  /// The epoch that continues the present one, from the first frame with the tag returned, a join. REQUIRES: as
+  /// announce(), and the present epoch is of this publisher. Errors: as announce().
+  Result<std::uint8_t> announce_next(const control::Announce& announce, std::uint32_t epoch, const std::string& resume);
 
   /// Takes a binary message of the publisher and delivers the frames that follow from it. Ignores the envelope's stream
   /// id. Errors, without a change: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md).
@@ -228,6 +253,8 @@ class Stream {
   void unwatch(Watcher& watcher);
   /// A watcher has the poses of a generation: it gets keys that need them from a join on.
   void note_held(Watcher& watcher, std::uint32_t generation);
+  /// A watcher has all of an asset.
+  void note_prepared(const Watcher& watcher, const std::string& asset);
 
   void pump(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
@@ -307,6 +334,11 @@ class Stream {
     Group* group = nullptr;        ///< Null before the first epoch.
     std::shared_ptr<void> place;   ///< Among the stream's watchers.
     std::uint32_t generation = 0;  ///< Of the memory that it has.
+    bool prepared = false;         ///< It holds the next asset.
+  };
+  struct Coming {
+    Snapshot snapshot;
+    std::string resume;
   };
   using GroupKey = std::pair<Profile, bool>;  ///< Profile, plain.
 
@@ -315,7 +347,8 @@ class Stream {
   Profile affordable(const Watched& watched, const Watcher& watcher) const;
   /// Whether it has no memory that keys need.
   bool needs_plain(const Watched& watched) const { return watched.generation < present_.used; }
-  void join_group(Watcher& watcher, Watched& watched);
+  /// former  its feed in the epoch that is continued; may be null
+  void join_group(Watcher& watcher, Watched& watched, const Feed* former = nullptr);
   /// Moves it where needs_plain() says.
   void change_chain(Watcher& watcher);
   void leave_group(const Watcher& watcher, Watched& watched);
@@ -346,6 +379,7 @@ class Stream {
   StreamHolder holder_;
   Keys keys_;
   std::string resume_;
+  std::optional<Coming> coming_;  ///< Announced; its first frame has not come.
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;

@@ -40,6 +40,12 @@ void Correction::apply(std::span<double> pose, TimeUs now_us) const {
   for (std::size_t i = 0; i < pose.size(); ++i) pose[i] += share * error_[i];
 }
 
+void Correction::replace(const std::function<Coefficients(const Coefficients&)>& carried) {
+  if (error_.empty()) return;
+  const Coefficients now = carried(error_);
+  error_.assign(now.begin(), now.end());
+}
+
 Playout::Playout(const PlayoutSettings& settings) : settings_(settings) {
   assert(settings.delay_us >= 0 && settings.max_ahead_us >= 0);
 }
@@ -59,6 +65,18 @@ TimeUs Playout::delay_us() const {
   if (settings_.mode == PlayoutMode::kLatest) return 0;
   if (settings_.delay_us > 0) return settings_.delay_us;
   return std::llround(smoothness() * static_cast<double>(clock_.full_delay_us()));
+}
+
+void Playout::replace_poses(const std::function<Coefficients(const Coefficients&)>& carried) {
+  for (PlayoutPose& pose : poses_) {
+    pose.coefficients = carried(pose.coefficients);
+    pose.bands = BandMask(0xff);
+  }
+  if (!shown_.coefficients.empty()) {
+    shown_.coefficients = carried(shown_.coefficients);
+    shown_.bands = BandMask(0xff);
+  }
+  correction_.replace(carried);
 }
 
 void Playout::reset() {

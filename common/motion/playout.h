@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -29,6 +30,7 @@ class Correction {
   void apply(std::span<double> pose, TimeUs now_us) const;
   bool active(TimeUs now_us) const { return !error_.empty() && remaining(now_us) > 0; }
   void reset() { error_.clear(); }
+  void replace(const std::function<Coefficients(const Coefficients&)>& carried);
 
  private:
   double remaining(TimeUs now_us) const;
@@ -98,6 +100,8 @@ class Playout {
   /// The pose to show at `now_us`, which does not go back; nothing before the first one came.
   std::optional<PlayoutPose> at(TimeUs now_us);
   TimeUs delay_us() const;
+  /// Poses go on in another basis: each as `carried` gives it, all of one size, with all bands.
+  void replace_poses(const std::function<Coefficients(const Coefficients&)>& carried);
   /// Forgets all poses, as at a new epoch.
   void reset();
 

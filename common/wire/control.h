@@ -69,6 +69,9 @@ struct Announce {
   double key_rate_hz = 0;                    ///< Intended; 0 = unknown.
   std::optional<std::vector<double>> world;  ///< 16 numbers, column-major: scene_from_asset.
   std::string resume = {};                   ///< That of this sender's last Announced. Secret; empty: none.
+  /// Of the surface of the present epoch, which goes on, its frames too, until the first frame of the new one. Answered
+  /// once most viewers have its asset (see Prepared).
+  bool continues = false;
   bool operator==(const Announce&) const = default;
 };
 
@@ -95,6 +98,18 @@ struct Remembered {
   std::uint32_t generation = 0;
   std::string code = {};  ///< A name_of(ErrorCode); empty: it may be used.
   std::string message = {};
+};
+
+/// "progress", sender to broker: how much of the asset is done that is to replace the present one (StreamInfo::Next).
+struct Progress {
+  std::string stream;
+  double fraction = 0;  ///< 0..1
+};
+
+/// "prepared", viewer to broker: it holds the whole asset of StreamInfo::Next.
+struct Prepared {
+  std::string stream;
+  std::string asset;
 };
 
 /// "subscribers", broker to sender: how many watch now.
@@ -128,6 +143,13 @@ struct StreamInfo {
   double key_rate_hz = 0;
   Profile profile;  ///< What this subscriber gets.
   std::optional<std::vector<double>> world;
+  /// Of the same surface: what the next epoch is to bring.
+  struct Next {
+    std::string asset = {};  ///< To be fetched meanwhile; empty: it is being made,
+    double progress = 1;     ///< and so much of it is done, 0..1.
+    bool operator==(const Next&) const = default;
+  };
+  std::optional<Next> next{};
 };
 
 std::string_view name_of(StreamInfo::State state);
@@ -208,8 +230,9 @@ struct Bye {
   std::uint32_t retry_after_ms = 0;  ///< 0 = do not come back.
 };
 
-using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
-                             Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered>;
+using Message =
+    std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping, Pong, Trace,
+                 TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered, Progress, Prepared>;
 
 }  // namespace control
 

@@ -79,6 +79,12 @@ class Fields {
     if (!(value >= low && value <= high))
       wrong(name, "must be a number of " + std::to_string(low) + " to " + std::to_string(high));
   }
+  void flag(const char* name, bool& value) {
+    const Json* field = find(name, value);
+    if (field == nullptr) return;
+    if (!field->is_boolean()) return wrong(name, "must be true or false");
+    value = field->get<bool>();
+  }
   void text(const char* name, std::string& value) {
     const Json* field = find(name, value);
     if (field == nullptr) return;
@@ -204,6 +210,7 @@ struct Describe {
     surface(m);
     world(m);
     if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
+    if (f.wants("continues", m.continues)) f.flag("continues", m.continues);
   }
   void operator()(control::Announced& m) const {
     f.stream_name("stream", m.stream);
@@ -232,6 +239,20 @@ struct Describe {
     }
     profile(m.profile);
     world(m);
+    if (!f.wants("next", m.next.has_value())) return;
+    if (f.reads()) m.next.emplace();
+    f.object("next", [&](Fields fields) {
+      if (fields.wants("asset", !m.next->asset.empty())) fields.asset_id("asset", m.next->asset);
+      if (fields.wants("progress", m.next->asset.empty())) fields.number("progress", m.next->progress, 0, 1);
+    });
+  }
+  void operator()(control::Progress& m) const {
+    f.stream_name("stream", m.stream);
+    f.number("fraction", m.fraction, 0, 1);
+  }
+  void operator()(control::Prepared& m) const {
+    f.stream_name("stream", m.stream);
+    f.asset_id("asset", m.asset);
   }
   void operator()(control::Ack& m) const {
     f.each("items", m.items, limits::kMaxAcksPerMessage, [](Fields fields, control::Ack::Item& item) {
@@ -345,8 +366,9 @@ struct Describe {
 };
 
 constexpr std::array<std::string_view, std::variant_size_v<ControlMessage>> kOps{
-    "welcome", "announce", "announced",     "subscribers", "subscribe", "unsubscribe", "stream",   "ack",       "ping",
-    "pong",    "trace",    "trace_request", "notice",      "error",     "bye",         "remember", "remembered"};
+    "welcome", "announce", "announced",  "subscribers", "subscribe",     "unsubscribe", "stream",
+    "ack",     "ping",     "pong",       "trace",       "trace_request", "notice",      "error",
+    "bye",     "remember", "remembered", "progress",    "prepared"};
 
 template <std::size_t kIndex = 0>
 std::optional<ControlMessage> message_of(std::string_view op) {

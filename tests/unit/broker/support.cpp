@@ -69,6 +69,12 @@ Bytes FakeSender::next(TimeUs capture_us) {
   return message;
 }
 
+Bytes FakeSender::carry_on(std::uint8_t of, TimeUs capture_us) {
+  tag = of;
+  state_ = advanced(state_, key_number(static_cast<int>(sequence_)), capture_us - last_us_);
+  return framed(FrameKind::kJoin, 0, capture_us, encode_join(small_layout(), *state_).value());
+}
+
 Generation::Segment segment_of(int first, int count, const AssetDigest& asset) {
   std::vector<Key> keys;
   for (int i = first; i < first + count; ++i) keys.push_back(key_number(i));
@@ -94,6 +100,7 @@ Bytes FakeSender::framed(FrameKind kind, std::uint8_t flags, TimeUs capture_us, 
   head.kind = kind;
   head.flags = flags;
   head.tag = tag;
+  if (kind == FrameKind::kJoin && state_) head.age_us = capture_us - last_us_;
   const ChainClock newest{sequence_ - 2, last_us_, state_ ? state_->age_us : 0};
   Bytes message;
   append_envelope(head, &newest, message);

@@ -46,6 +46,8 @@ class FakeSender : public PublisherLink {
   Bytes next(TimeUs capture_us);
   /// The same, predicted from `memory` at a phase: not exactly.
   Bytes next_recalled(TimeUs capture_us, const PoseMemory& memory, std::uint32_t phase);
+  /// The next key as the join that carries its chain on in an epoch of this tag.
+  Bytes carry_on(std::uint8_t of, TimeUs capture_us);
   /// What its memory is void of now.
   void forget_phase() { state_->phase.reset(); }
   const Key& sent() const { return state_->newer; }

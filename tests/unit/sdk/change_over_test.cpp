@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: MIT
+// A stream goes over to another asset of its surface, against a whole broker in this process.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "common/reconstruction/reconstruct.h"
+#include "sdk/surfaces.h"
+#include "sdk/transfer.h"
+#include "tests/unit/sdk/ball_stream.h"
+
+namespace eigencast {
+namespace {
+
+std::vector<float> positions_of(const Asset& asset, std::span<const double> C) {
+  std::vector<float> X(std::size_t{3} * asset.vertex_count);
+  positions_from_coefficients(asset, C, 3, asset.rank, asset.vertex_count, X);
+  return X;
+}
+
+double farthest(const std::vector<float>& a, const std::vector<float>& b) {
+  double most = 0;
+  for (std::size_t i = 0; i < a.size(); i += 3)
+    most = std::max(most, std::hypot(double{a[i]} - b[i], double{a[i + 1]} - b[i + 1], double{a[i + 2]} - b[i + 2]));
+  return most;
+}
+
+TEST(Transfer, PosesOfFewerColumnsAreThoseOfMore) {
+  const Asset &coarse = *model(40).asset, &fine = *model(90).asset;
+  const auto up = Transfer::between(coarse, fine), down = Transfer::between(fine, coarse);
+  ASSERT_TRUE(up && down);
+  const auto C = pose(coarse, 3);
+  const auto same = up->apply(C, 3);
+  EXPECT_LT(farthest(positions_of(coarse, C), positions_of(fine, same)), 2e-3 * coarse.diagonal());
+  const auto back = down->apply(same, 3);
+  EXPECT_LT(farthest(positions_of(coarse, C), positions_of(coarse, back)), 2e-3 * coarse.diagonal());
+  EXPECT_TRUE(up->apply(std::vector<double>(7), 3).empty());
+}
+
+TEST(Transfer, SurfacesOfOtherVerticesHaveNone) {
+  auto other = bake(make_icosphere(2), {.rank = 40});
+  ASSERT_TRUE(other);
+  EXPECT_FALSE(Transfer::between(*model(40).asset, other->asset));
+  Asset turned = *model(90).asset;
+  std::swap(turned.source_vertex[0], turned.source_vertex[1]);
+  EXPECT_FALSE(Transfer::between(*model(40).asset, turned));
+}
+
+TEST(ChangeOver, AnotherSurfaceIsRefused) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  auto other = bake(make_icosphere(2), {.rank = 40});
+  const auto refused = sender.publisher->change_to(std::make_shared<const Asset>(std::move(other->asset)),
+                                                   std::make_shared<const EncodedAsset>(std::move(other->encoded)));
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+}
+
+/// Poses of the surface whatever asset is sent with.
+class Changing {
+ public:
+  Changing(const LoopbackBroker& broker, CodecKind codec) : sender_(broker, 40, codec) {}
+  Publisher& publisher() { return *sender_.publisher; }
+  SendStatus send() {
+    const auto X = positions_of(*model(90).asset, pose(*model(90).asset, count_));
+    std::vector<float> source(X.size());
+    for (std::size_t row = 0; row < model(90).asset->vertex_count; ++row) {
+      for (std::size_t d = 0; d < 3; ++d)
+        source[3 * model(90).asset->source_vertex[row] + d] =
+            static_cast<float>(double{X[3 * row + d]} + model(90).asset->origin[d]);
+    }
+    const auto sent = publisher().send_positions(source, steady_now_us());
+    if (sent && *sent == SendStatus::kSent) ++count_;
+    return sent ? *sent : SendStatus::kDropped;
+  }
+  int sent() const { return count_; }
+
+ private:
+  Sender sender_;
+  int count_ = 0;
+};
+
+TEST(ChangeOver, ViewersSeeOneContinuousStream) {
+  LoopbackBroker broker;
+  Changing sender(broker, CodecKind::kQuantised);
+  const auto viewer = subscribe(broker);
+  struct Seen {
+    std::uint32_t epoch;
+    std::uint64_t sequence;
+    std::vector<float> positions;
+  };
+  std::vector<Seen> seen;
+  const auto watch = [&] {
+    for (const ReceivedPose& p : viewer->poll(milliseconds(4))) {
+      ASSERT_EQ(p.coefficients.size(), std::size_t{3} * viewer->asset()->rank);
+      seen.push_back({p.envelope.epoch, p.envelope.sequence,
+                      positions_of(*viewer->asset(), {p.coefficients.begin(), p.coefficients.end()})});
+    }
+  };
+  ASSERT_TRUE(eventually([&] {
+    (void)sender.send();
+    watch();
+    return seen.size() >= 10;
+  }));
+  ASSERT_TRUE(sender.publisher().change_to(model(90).asset, model(90).encoded));
+  std::optional<std::size_t> changed;
+  ASSERT_TRUE(eventually([&] {
+    (void)sender.send();
+    watch();
+    if (viewer->asset() != nullptr && viewer->asset()->rank == 90 && !changed) {
+      changed = seen.size();
+      EXPECT_NE(viewer->change(), nullptr);
+    }
+    return changed && seen.size() >= *changed + 20;
+  }));
+  EXPECT_EQ(sender.publisher().stats().changes, 1u);
+  const Publisher::Stats stats = sender.publisher().stats();
+  EXPECT_EQ(stats.reconnects, 0u);
+  EXPECT_EQ(viewer->stats().rejected, 0u);
+  double usual = 0, around = 0;
+  for (std::size_t i = 1; i < seen.size(); ++i) {
+    EXPECT_GT(seen[i].sequence, seen[i - 1].sequence) << "numbers go on";
+    // Frames that newer ones overtook do not come: the motion of those between counts, too.
+    const double step = farthest(seen[i].positions, seen[i - 1].positions) /
+                        static_cast<double>(seen[i].sequence - seen[i - 1].sequence);
+    const bool is_around = i >= *changed && i < *changed + 9;
+    (is_around ? around : usual) = std::max(is_around ? around : usual, step);
+  }
+  EXPECT_LE(around, 1.5 * usual) << "no vertex jumps more than it usually moves";
+}
+
+TEST(ChangeOver, LostConnectionsAreMadeUpFor) {
+  LoopbackBroker broker;
+  Changing sender(broker, CodecKind::kQuantised);
+  ASSERT_TRUE(eventually([&] { return sender.send() == SendStatus::kSent; }));
+  broker.stop();
+  ASSERT_TRUE(sender.publisher().change_to(model(90).asset, model(90).encoded));
+  ASSERT_TRUE(eventually([&] { return sender.publisher().stats().state != Publisher::State::kLive; }));
+  (void)sender.send();
+  EXPECT_EQ(sender.publisher().asset()->rank, 90u) << "nobody is there to prepare";
+  broker.start();
+  ASSERT_TRUE(eventually([&] { return sender.send() == SendStatus::kSent; }));
+  const auto viewer = subscribe(broker);
+  ASSERT_TRUE(eventually([&] {
+    (void)sender.send();
+    return !viewer->poll(milliseconds(4)).empty();
+  }));
+  EXPECT_EQ(viewer->asset()->rank, 90u);
+}
+
+TEST(ChangeOver, ViewersThatComeInBetweenSeeWhatIsSent) {
+  LoopbackBroker broker;
+  Changing sender(broker, CodecKind::kFloat64);
+  ASSERT_TRUE(eventually([&] { return sender.send() == SendStatus::kSent; }));
+  ASSERT_TRUE(sender.publisher().change_to(model(90).asset, model(90).encoded));
+  const auto viewer = subscribe(broker);
+  std::size_t poses = 0;
+  ASSERT_TRUE(eventually([&] {
+    (void)sender.send();
+    poses += viewer->poll(milliseconds(4)).size();
+    return viewer->asset() != nullptr && viewer->asset()->rank == 90 && poses >= 5;
+  }));
+  EXPECT_EQ(viewer->stats().rejected, 0u);
+}
+
+}  // namespace
+}  // namespace eigencast
