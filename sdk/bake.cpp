@@ -396,6 +396,14 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
   return cut ? std::move(basis) : cut.error();
 }
 
+/// What has fewer vertices is whole within a second or so.
+constexpr std::size_t kLeastFirst = 4000;
+
+bool goes_first(std::size_t vertices, const BakeOptions& options) {
+  return options.first && vertices > kLeastFirst && options.basis == BasisKind::kAugmented &&
+         detail_of(options) == DetailKind::kNone && (options.rank > kFirstRank || options.wish);
+}
+
 /// samples: of a wish, else null.
 Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vector<Vec3>> poses,
                                const PlannedAppearance& appearance, BakeOptions options, const SamplePoses* samples,
@@ -406,6 +414,43 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   auto laplacian = build_laplacian(surface, {.delaunay = options.delaunay, .points = options.points_operator});
   if (!laplacian) return laplacian.error();
   OrderToCome order_to_come(surface, poses, appearance);
+  const auto normals = surface.is_point_cloud() ? oriented_normals(surface.positions) : std::vector<Vec3>();
+  std::optional<PrefixOrder> order;
+  const auto await_order = [&](double fraction) -> Result<void> {
+    if (order) return {};
+    do {
+      if (!stages.at(fraction, "levels of detail")) return cancelled("levels of detail");
+    } while (!order_to_come.is_there_within(std::chrono::milliseconds(20)));
+    auto taken = order_to_come.take();
+    if (!taken) return taken.error();
+    order = std::move(*taken);
+    return {};
+  };
+  std::vector<GeometricError> level_errors;
+  const auto encode = [&](const Basis& basis, const BakeOptions& of, BakeResult& into) -> Result<void> {
+    Asset exact = asset_from(surface, appearance, normals, basis, *order, of);
+    exact.operator_kind = operator_of(surface, *laplacian, of);
+    if (level_errors.empty()) level_errors = level_errors_of(exact, surface, poses);
+    exact.level_errors = level_errors;
+    const AssetEncoding encoding = encoding_of(exact, basis, of);
+    if (const DetailKind detail = detail_of(of); detail != DetailKind::kNone)
+      exact.detail = detail_from(detail, exact, surface, normals, encoding);
+    if (auto encoded = store(into.encoded, encode_asset(exact, encoding)); !encoded) return encoded;
+    const auto decoded = store(into.asset, decode_asset(into.encoded));
+    return decoded ? decoded : in_context("the asset just encoded cannot be decoded", decoded.error());
+  };
+  if (goes_first(surface.vertex_count(), options)) {
+    BakeOptions first = options;
+    first.rank = kFirstRank;
+    auto basis = build_basis(surface, *laplacian, {options.basis, kFirstRank, options.solver, true},
+                             stages.within(kLaplacianDone, kLaplacianDone));
+    if (!basis) return basis.error();
+    if (auto ordered = await_order(kLaplacianDone); !ordered) return ordered.error();
+    BakeResult provisional;
+    provisional.approximate = true;
+    if (auto encoded = encode(*basis, first, provisional); !encoded) return encoded.error();
+    options.first(provisional);
+  }
   const Progress solving = stages.within(kLaplacianDone, kBasisDone);
   BasisTrial trial;
   if (samples != nullptr) {
@@ -422,28 +467,13 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   auto basis = basis_of(surface, *laplacian, options, samples != nullptr ? &trial : nullptr, solving);
   if (!basis) return basis.error();
   if (samples != nullptr) options.rank = static_cast<int>(basis->Psi.cols());
-  do {
-    if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
-  } while (!order_to_come.is_there_within(std::chrono::milliseconds(100)));
-  auto order = order_to_come.take();
-  if (!order) return order.error();
+  if (auto ordered = await_order(kBasisDone); !ordered) return ordered.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
-  const auto normals = surface.is_point_cloud() ? oriented_normals(surface.positions) : std::vector<Vec3>();
-  Asset exact = asset_from(surface, appearance, normals, *basis, std::move(*order), options);
-  exact.operator_kind = operator_of(surface, *laplacian, options);
-  exact.level_errors = level_errors_of(exact, surface, poses);
-  const AssetEncoding encoding = encoding_of(exact, *basis, options);
-  if (const DetailKind detail = detail_of(options); detail != DetailKind::kNone)
-    exact.detail = detail_from(detail, exact, surface, normals, encoding);
-  auto encoded = encode_asset(exact, encoding);
-  if (!encoded) return encoded.error();
-  if (const auto good = store(result.asset, decode_asset(*encoded)); !good)
-    return in_context("the asset just encoded cannot be decoded", good.error());
+  if (auto encoded = encode(*basis, options, result); !encoded) return encoded.error();
   if (result.trial) {
     settle_coding(*result.trial, result.asset, *laplacian, *samples);
     result.asset.coding_error = result.trial->chosen.coding * result.asset.diagonal();
   }
-  result.encoded = std::move(*encoded);
   result.certified = basis->certified;
   result.approximate = basis->approximate;
   result.residual = basis->residual;

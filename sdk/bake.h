@@ -18,6 +18,11 @@
 
 namespace eigencast {
 
+struct BakeResult;
+
+/// Of the asset to begin a stream with.
+inline constexpr int kFirstRank = 54;
+
 struct BakeOptions {
   BasisKind basis = BasisKind::kAugmented;
   int rank = 200;    ///< r (default: 200), without a wish.
@@ -41,6 +46,10 @@ struct BakeOptions {
   /// deformations of the rest pose. Up to 300 columns; 512 for an error that these do not reach.
   std::optional<BakeWish> wish = std::nullopt;
   const KnownMotion* samples = nullptr;  ///< Must outlive the bake.
+  /// Called once with an asset of kFirstRank columns, made in a fraction of the time, to stream with until the whole is
+  /// there: its levels are the same. Not where that is in the cache, or as small; nor with detail, nor of a motion's
+  /// bases. May take the result.
+  std::function<void(BakeResult& first)> first{};
 };
 DetailKind detail_of(const BakeOptions& options);
 

@@ -77,7 +77,7 @@ class ThreadedStream final : public SurfaceStream {
     if (failure_) return *failure_;  // its bake failed meanwhile
     pose.capture_us = time_.capture_us(now, frame.time_s);
     ++stats_.taken;
-    if (wanted_ || baking_) {
+    if (wanted_ || !ready_) {
       begin_with(std::move(pose));
       return Sent::kBaking;
     }
@@ -98,7 +98,7 @@ class ThreadedStream final : public SurfaceStream {
       return fail(ErrorCode::kInvalidArgument, "nothing was sent yet: the first pose says what surface it is");
     while (true) {
       if (failure_) return *failure_;
-      if (publisher_ && !wanted_ && !baking_) {
+      if (ready_ && !wanted_) {
         const Publisher::Stats now = publisher_->stats();
         if (now.state == Publisher::State::kLive) return true;
         if (now.gave_up) return fail(ErrorCode::kRefused, now.detail);
@@ -120,13 +120,14 @@ class ThreadedStream final : public SurfaceStream {
     }
     if (failure_) {
       now.detail = failure_->message;
-    } else if (now.baking) {
+    } else if (wanted_ || (baking_ && !ready_)) {
       now.detail = "baking: " + (stage_.empty() ? "begins" : stage_);
       if (stats_.topologies > stats_.bakes + 1)
         now.detail += formatted("; %.0f topologies were gone before they were baked",
                                 static_cast<double>(stats_.topologies - stats_.bakes - 1));
     } else {
       now.detail = publisher_ ? now.publisher.detail : "waits for the first pose";
+      if (baking_) now.detail += ", coarse: all of the basis is being made, " + stage_;
     }
     if (now.loose_faces) now.detail += "; the faces share no vertices: weld them";
     return now;
@@ -136,6 +137,7 @@ class ThreadedStream final : public SurfaceStream {
   struct Job {
     Surface surface;
     bool velocities = false;
+    bool loose = false;  ///< See is_triangle_soup().
   };
 
   Result<void> check(const Frame& frame) const {
@@ -256,7 +258,7 @@ class ThreadedStream final : public SurfaceStream {
     std::unique_lock lock(mutex_);
     while (true) {
       if (wanted_ && !stopped_) {
-        bake_wanted(lock);
+        begin_bake(lock);
         continue;
       }
       const auto next_us = due_us();
@@ -269,13 +271,16 @@ class ThreadedStream final : public SurfaceStream {
         send_next(lock);
       }
     }
+    lock.unlock();
+    if (baker_.joinable()) baker_.join();
+    lock.lock();
     const auto last = std::exchange(publisher_, nullptr);
     lock.unlock();
   }
 
   /// When there is something to send, or to see whether it can be sent; nothing: not before something happens.
   std::optional<TimeUs> due_us() {
-    if (!publisher_ || wanted_ || queue_.size() == 0) return std::nullopt;
+    if (!ready_ || wanted_ || queue_.size() == 0) return std::nullopt;
     const TimeUs now = steady_now_us();
     if (publisher_->stats().state == Publisher::State::kLive) return queue_.due_us(now);
     if (stopped_) return std::nullopt;
@@ -298,37 +303,58 @@ class ThreadedStream final : public SurfaceStream {
     spare_ = std::move(pose);
   }
 
-  void bake_wanted(std::unique_lock<std::mutex>& lock) {
-    const Job job = std::move(*wanted_);
-    wanted_.reset();
-    baking_ = true;
-    lock.unlock();
-    const bool loose = is_triangle_soup(job.surface);
-    if (loose) log(log_, LogLevel::kWarning, "the faces share no vertices: weld them");
-    auto publisher = published(job);
-    lock.lock();
-    baking_ = false;
-    if (wanted_ || stopped_) return;
-    if (!publisher) {
-      failure_ = publisher.error();
-    } else {
-      publisher_ = std::move(*publisher);
-      stats_.loose_faces = loose;
-      ++stats_.bakes;
+  /// On a thread of its own, as a part of the basis is streamed with while the rest is made.
+  void begin_bake(std::unique_lock<std::mutex>& lock) {
+    if (baker_.joinable()) {  // It sees that another surface is wanted, and ends.
+      lock.unlock();
+      baker_.join();
+      lock.lock();
+      if (stopped_) return;
     }
+    ready_ = false;
+    baking_ = true;
+    baker_ = std::thread([this, job = std::move(*std::exchange(wanted_, std::nullopt))]() mutable {
+      job.loose = is_triangle_soup(job.surface);
+      bake_for(job);
+    });
+  }
+
+  void bake_for(const Job& job) {
+    if (job.loose) log(log_, LogLevel::kWarning, "the faces share no vertices: weld them");
+    BakeOptions options = options_.bake;
+    Result<void> begun;
+    options.first = [&](BakeResult& first) { begun = stream_with(job, std::move(first), false); };
+    auto baked = bake(job.surface, options, options_.cache_dir, [this](double fraction, std::string_view stage) {
+      std::unique_lock lock(mutex_);
+      stage_ = std::string(stage) + formatted(", %.0f %%", 100 * fraction);
+      const auto publisher = ready_ ? publisher_ : nullptr;
+      const bool goes_on = !is_overtaken();
+      lock.unlock();
+      if (publisher) publisher->show_progress(fraction);
+      return goes_on;
+    });
+    if (begun) begun = baked ? stream_with(job, std::move(*baked), true) : baked.error();
+    const std::lock_guard lock(mutex_);
+    baking_ = false;
+    if (is_overtaken()) return;
+    if (!begun && ready_) log(log_, LogLevel::kError, "the stream stays coarse: " + begun.error().message);
+    if (!begun && !ready_) failure_ = begun.error();
     wake_.notify_all();
   }
 
-  /// Takes the stream from the surface before once there is another. REQUIRES: mutex_ is not held.
-  Result<std::shared_ptr<Publisher>> published(const Job& job) {
-    auto baked = bake(job.surface, options_.bake, options_.cache_dir, [this](double fraction, std::string_view stage) {
-      const std::lock_guard lock(mutex_);
-      stage_ = std::string(stage) + formatted(", %.0f %%", 100 * fraction);
-      return !wanted_ && !stopped_;
-    });
-    if (!baked) return baked.error();
+  /// REQUIRES: mutex_ is held.
+  bool is_overtaken() const { return wanted_ || stopped_; }
+
+  /// Takes the stream from the surface before once there is another; another asset of the same continues it.
+  Result<void> stream_with(const Job& job, BakeResult baked, bool whole) {
+    const auto asset = std::make_shared<const Asset>(std::move(baked.asset));
+    const auto encoded = std::make_shared<const EncodedAsset>(std::move(baked.encoded));
     std::unique_lock lock(mutex_);
-    if (wanted_ || stopped_) return fail(ErrorCode::kCancelled, "another topology came");
+    if (is_overtaken()) return fail(ErrorCode::kCancelled, "another topology came");
+    if (const auto publisher = ready_ ? publisher_ : nullptr) {
+      lock.unlock();
+      return publisher->change_to(asset, encoded);
+    }
     auto before = std::exchange(publisher_, nullptr);
     if (before) {
       const Publisher::Stats end = before->stats();
@@ -340,10 +366,17 @@ class ThreadedStream final : public SurfaceStream {
     before.reset();
     PublisherOptions options = options_.publisher;
     options.velocities = job.velocities;
-    auto made = Publisher::create(std::move(options), std::make_shared<const Asset>(std::move(baked->asset)),
-                                  std::make_shared<const EncodedAsset>(std::move(baked->encoded)), log_);
+    auto made = Publisher::create(std::move(options), asset, encoded, log_);
     if (!made) return made.error();
-    return std::shared_ptr<Publisher>(std::move(*made));
+    lock.lock();
+    if (is_overtaken()) return fail(ErrorCode::kCancelled, "another topology came");
+    publisher_ = std::move(*made);
+    ready_ = true;
+    baking_ = !whole;
+    stats_.loose_faces = job.loose;
+    ++stats_.bakes;
+    wake_.notify_all();
+    return {};
   }
 
   const SurfaceStreamOptions options_;
@@ -356,6 +389,7 @@ class ThreadedStream final : public SurfaceStream {
   Topology topology_;
   std::optional<Job> wanted_;  ///< The surface to bake next.
   bool baking_ = false;
+  bool ready_ = false;  ///< publisher_ is of topology_, if nothing is wanted.
   std::string stage_;
   std::optional<Error> failure_;  ///< Of the bake of topology_.
   std::shared_ptr<Publisher> publisher_;
@@ -363,6 +397,7 @@ class ThreadedStream final : public SurfaceStream {
   HostTime time_;
   StreamPose spare_;  ///< Its memory is used again.
   Stats stats_;
+  std::thread baker_;   ///< For the worker's thread alone.
   std::thread worker_;  ///< Last: it uses all above.
 };
 

@@ -17,7 +17,7 @@ namespace eigencast {
 struct SurfaceStreamOptions {
   PublisherOptions
       publisher{};          ///< `velocities` are announced where the first pose has some; key_rate_hz is max_rate_hz.
-  BakeOptions bake{};       ///< Without motion, samples and appearance.
+  BakeOptions bake{};       ///< Without motion, samples, appearance and first.
   std::string cache_dir{};  ///< As of bake().
   bool z_up = false;        ///< Points and velocities come with z up; a stream's y is.
   double scale = 1;         ///< Multiplies them.
@@ -26,9 +26,10 @@ struct SurfaceStreamOptions {
 };
 
 /// Streams a surface as a program has it: bakes in a thread at the first pose, and again when the topology is another
-/// one by its content, then publishes. send() never waits: it compares and copies; projection, coding and network are
-/// the thread's. Poses that come before the basis is up, or without a connection, replace each other; the newest goes
-/// out then. Use from one thread. In a process that was forked it refuses, and its end touches nothing.
+/// one by its content, and publishes: with BakeOptions::first until all is there, which then takes over without a gap.
+/// send() never waits: it compares and copies; projection, coding and network are the thread's. Poses that come before
+/// the basis is up, or without a connection, replace each other; the newest goes out then. Use from one thread. In a
+/// process that was forked it refuses, and its end touches nothing.
 class SurfaceStream {
  public:
   enum class Sent { kTaken, kBaking, kDisconnected };

@@ -251,6 +251,8 @@ void add_commands(CLI::App& app, Settings& s) {
   bounded(*play, "--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect",
           1e-3, kMaxSeconds);
   play->add_option("--frames", s.play.frames, "stop after so many poses")->check(positive());
+  play->add_flag("--wait", s.play.source.waits,
+                 "begin with all of the basis (default: with a coarse one while it is baked)");
   play->add_option("--json", s.play.json, "write a report at the end")->check(output_path(check_output_file));
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines")
       ->check(output_path(check_output_file));
@@ -265,6 +267,8 @@ void add_commands(CLI::App& app, Settings& s) {
   pipe->option_defaults()->group(kOwnGroup);
   bounded(*pipe, "--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)", 0.1,
           1000.0);
+  pipe->add_flag("--wait", s.pipe.source.waits,
+                 "begin with all of the basis (default: with a coarse one while it is baked)");
   pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(output_path(check_output_file));
 
   add_deform_command(app, s);

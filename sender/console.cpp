@@ -10,6 +10,7 @@
 #include "common/core/files.h"
 #include "common/core/text.h"
 #include "sender/commands.h"
+#include "sender/live.h"
 #include "sender/source.h"
 
 namespace eigencast {
@@ -53,9 +54,7 @@ Result<Source> bake_with_progress(const SourceOptions& options, const Console& c
   auto source = bake_source(options, std::ref(line), std::move(opened));
   line.finish();
   if (!source) return source;
-  if (const auto& trial = source->baked.trial)
-    spdlog::log(trial->is_met() ? spdlog::level::info : spdlog::level::warn, "{}", text_of(*trial));
-  if (!source->baked.not_kept.empty()) spdlog::warn("the bake is not kept: {}", source->baked.not_kept);
+  log_bake(source->baked);
   for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
   for (const std::string& finding : source->findings) spdlog::warn("{}", finding);
   return source;

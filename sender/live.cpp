@@ -52,6 +52,26 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
                            to_log());
 }
 
+void log_bake(const BakeResult& baked) {
+  if (const auto& trial = baked.trial)
+    spdlog::log(trial->is_met() ? spdlog::level::info : spdlog::level::warn, "{}", text_of(*trial));
+  if (!baked.not_kept.empty()) spdlog::warn("the bake is not kept: {}", baked.not_kept);
+}
+
+void stay_coarse(const Error& why) {
+  if (why.code != ErrorCode::kCancelled) spdlog::error("the stream stays coarse: {}", why.message);
+}
+
+void go_over(Publisher& publisher, Result<BakeResult>& whole) {
+  if (!whole) return stay_coarse(whole.error());
+  log_bake(*whole);
+  auto asset = std::make_shared<const Asset>(std::move(whole->asset));
+  spdlog::info("all of the basis is there: r = {}, asset {:.12}", asset->rank, whole->encoded.manifest.id.hex());
+  const auto changes =
+      publisher.change_to(std::move(asset), std::make_shared<const EncodedAsset>(std::move(whole->encoded)));
+  if (!changes) stay_coarse(changes.error());
+}
+
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt) {
   while (publisher.stats().state != Publisher::State::kLive) {
     if (!check_ownership(publisher)) return false;

@@ -17,6 +17,12 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
                                            std::shared_ptr<const Asset> asset, EncodedAsset encoded,
                                            bool velocities = false);
 
+void log_bake(const BakeResult& baked);
+
+/// The stream goes on with all of its basis, or stays as it is, and the log says why.
+void go_over(Publisher& publisher, Result<BakeResult>& whole);
+void stay_coarse(const Error& why);
+
 /// False if interrupted, no longer ours, or the steady clock shows `deadline_us` (0: no end).
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt);
 

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "sender/commands.h"
+#include "sender/growing_bake.h"
 #include "sender/live.h"
 #include "sender/order_check.h"
 #include "sender/pose_stream.h"
@@ -85,19 +86,25 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
     return kExitUsage;
   }
   if (const ExitCode usable = check_target(command.target); usable != kExitOk) return usable;
-  auto source = bake_with_progress(command.source, console, interrupt);
-  if (!source) return report_failure(source.error());
-  const auto asset = std::make_shared<const Asset>(std::move(source->baked.asset));
-  const auto publisher =
-      publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30, asset, std::move(source->baked.encoded));
-  if (!publisher) return report_failure(publisher.error());
+  std::unique_ptr<Publisher> publisher;
+  GrowingBake bake(command.source, {});  // Ends first.
+  auto baked = bake.first(console, interrupt);
+  if (!baked) return report_failure(baked.error());
+  const auto begun =
+      store(publisher, publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30,
+                               std::make_shared<const Asset>(std::move(baked->asset)), std::move(baked->encoded)));
+  if (!begun) return report_failure(begun.error());
+  if (!bake.is_whole()) {
+    bake.then([&](Result<BakeResult>& whole) { go_over(*publisher, whole); },
+              [&](double fraction) { publisher->show_progress(fraction); });
+  }
   // Long enough to play a file whole, short enough that a simulation does not wait for an absent broker.
-  if (!wait_until_live(**publisher, steady_now_us() + kFirstConnectionUs, interrupt) && !interrupt.requested()) {
-    spdlog::warn("the broker is not there yet; poses are dropped until it is: {}", (*publisher)->stats().detail);
+  if (!wait_until_live(*publisher, steady_now_us() + kFirstConnectionUs, interrupt) && !interrupt.requested()) {
+    spdlog::warn("the broker is not there yet; poses are dropped until it is: {}", publisher->stats().detail);
   }
   Counts counts;
-  const auto pumped = pump(command, source->clip->rest(), **publisher, counts, interrupt);
-  const Publisher::Stats stats = (*publisher)->stats();
+  const auto pumped = pump(command, bake.clip().rest(), *publisher, counts, interrupt);
+  const Publisher::Stats stats = publisher->stats();
   spdlog::info("read {} poses, sent {}, dropped {}", counts.poses, stats.frames_sent, stats.frames_dropped);
   const nlohmann::json report{{"poses", counts.poses},
                               {"frames_sent", stats.frames_sent},

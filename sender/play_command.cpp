@@ -2,15 +2,18 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <fstream>
 #include <functional>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <vector>
 
 #include "sender/clip_coefficients.h"
 #include "sender/commands.h"
 #include "sender/console.h"
+#include "sender/growing_bake.h"
 #include "sender/live.h"
 #include "sender/order_check.h"
 #include "sender/pose_stream.h"
@@ -43,22 +46,21 @@ class SentRecord {
 
 class Player {
  public:
-  Player(const PlayCommand& command, const Console& console, Source source, SentRecord& record)
-      : command_(command), console_(console), source_(std::move(source)), record_(record) {}
+  Player(const PlayCommand& command, const Console& console, GrowingBake& bake, BakeResult baked, SentRecord& record)
+      : command_(command), console_(console), bake_(bake), baked_(std::move(baked)), record_(record) {}
 
   Result<void> run(Interrupt& interrupt) {
     try_us_ = start_us_ = steady_now_us();
-    asset_ = std::make_shared<const Asset>(std::move(source_.baked.asset));
-    const auto projector = Projector::create(*asset_);
-    if (!projector) return projector.error();
-
     // All frames before the first is sent, so that a bad one late in the clip is found here.
-    auto coefficients = read_clip(*projector, interrupt);
-    if (!coefficients) return coefficients.error();
-    if (const auto good = store(publisher_, publish(command_.target, schedule_options().rate_hz, asset_,
-                                                    std::move(source_.baked.encoded), command_.velocities));
+    if (const auto good = begin_clip(interrupt); !good) return good;
+    if (const auto good = store(publisher_, publish(command_.target, schedule_options().rate_hz, now_->asset,
+                                                    std::move(baked_.encoded), command_.velocities));
         !good)
       return good;
+    if (!bake_.is_whole()) {
+      bake_.then([this](Result<BakeResult>& whole) { take_whole(whole); },
+                 [this](double fraction) { publisher_->show_progress(fraction); });
+    }
     start_us_ = end_us_ = steady_now_us();
     // So that a clip that is played once is played whole.
     const TimeUs deadline_us = command_.duration_s > 0 ? try_us_ + static_cast<TimeUs>(command_.duration_s * 1e6) : 0;
@@ -72,9 +74,13 @@ class Player {
     StatusLog status(start_us_);
     Schedule schedule(schedule_options(), start_us_);
     while (const auto tick = schedule.next(steady_now_us())) {
-      auto C = coefficients->at(tick->frame);
-      if (!C) return C.error();
       if (interrupt.wait_until(tick->due_us)) break;
+      if (publisher_->take_change()) {
+        const std::lock_guard lock(mutex_);
+        now_ = std::move(next_);
+      }
+      auto C = now_->coefficients->at(tick->frame);
+      if (!C) return C.error();
       if (const auto ours = check_ownership(*publisher_); !ours) return ours;
       record_.add(*tick, send(*C, tick->due_us));
       status.show(*publisher_, steady_now_us());
@@ -87,6 +93,9 @@ class Player {
                   "no pose was sent: " + stats.detail);
     return {};
   }
+
+  /// Of the work for a basis that nothing will be sent in.
+  void end() { ends_ = true; }
 
   json report() const {
     const Publisher::Stats stats = publisher_->stats();
@@ -102,6 +111,7 @@ class Player {
             {"kbit_per_s", seconds > 0 ? static_cast<double>(stats.payload_bytes) * 8e-3 / seconds : 0.0},
             {"duration_s", seconds},
             {"reconnects", stats.reconnects},
+            {"changes", stats.changes},
             {"findings", findings_}};
   }
 
@@ -109,26 +119,59 @@ class Player {
   double seconds_left(TimeUs now_us) const {
     return command_.duration_s - static_cast<double>(now_us - try_us_) * 1e-6;
   }
-  Result<ClipCoefficients> read_clip(const Projector& projector, Interrupt& interrupt) {
+  /// The clip in an asset's basis.
+  struct InBasis {
+    std::shared_ptr<const Asset> asset;
+    std::optional<Projector> projector = {};
+    std::optional<ClipCoefficients> coefficients = {};
+  };
+  Result<std::unique_ptr<InBasis>> in_basis(std::shared_ptr<const Asset> asset, const BakeProgress& progress) const {
+    auto made = std::make_unique<InBasis>(InBasis{std::move(asset)});
+    auto projector = Projector::create(*made->asset);
+    if (!projector) return projector.error();
+    made->projector = std::move(*projector);
+    auto coefficients = ClipCoefficients::create(bake_.clip(), *made->projector, progress, command_.velocities);
+    if (!coefficients) return coefficients.error();
+    made->coefficients = std::move(*coefficients);
+    return made;
+  }
+
+  Result<void> begin_clip(Interrupt& interrupt) {
     ProgressLine line(console_.progress, stops_at(interrupt));
-    auto coefficients = ClipCoefficients::create(*source_.clip, projector, std::ref(line), command_.velocities);
+    const auto good = store(now_, in_basis(std::make_shared<const Asset>(std::move(baked_.asset)), std::ref(line)));
     line.finish();
-    if (!coefficients) return coefficients;
-    if (!coefficients->stored()) spdlog::warn("the clip is so long that its frames are read again while it plays");
-    for (const std::string& finding : coefficients->findings()) spdlog::warn("{}", finding);
-    findings_ = source_.findings;
-    findings_.insert(findings_.end(), coefficients->findings().begin(), coefficients->findings().end());
-    if (const auto accepted = accept_order(coefficients->order(), command_.source.any_order); !accepted)
-      return in_context(command_.source.input, accepted.error());
-    return coefficients;
+    if (!good) return good;
+    const ClipCoefficients& coefficients = *now_->coefficients;
+    if (!coefficients.stored()) spdlog::warn("the clip is so long that its frames are read again while it plays");
+    for (const std::string& finding : coefficients.findings()) spdlog::warn("{}", finding);
+    findings_ = bake_.findings();
+    findings_.insert(findings_.end(), coefficients.findings().begin(), coefficients.findings().end());
+    const auto accepted = accept_order(coefficients.order(), command_.source.any_order);
+    return accepted ? accepted : in_context(command_.source.input, accepted.error());
+  }
+
+  /// On the bake's thread.
+  void take_whole(Result<BakeResult>& whole) {
+    if (!whole) return stay_coarse(whole.error());
+    auto asset = std::make_shared<const Asset>(whole->asset);
+    // Before it is asked for. A clip that is read while it plays has one reader.
+    auto next = now_->coefficients->stored()
+                    ? in_basis(asset, [this](double, std::string_view) { return !ends_; })
+                    : fail(ErrorCode::kTooLarge, "the clip is so long that it is read while it plays");
+    if (!next) return stay_coarse(next.error());
+    {
+      const std::lock_guard lock(mutex_);
+      next_ = std::move(*next);
+    }
+    go_over(*publisher_, whole);
   }
 
   Schedule::Options schedule_options() const {
     Schedule::Options options;
-    options.clip_rate_hz = source_.clip->frame_rate_hz();
+    options.clip_rate_hz = bake_.clip().frame_rate_hz();
     options.rate_hz = command_.rate_hz > 0 ? command_.rate_hz : options.clip_rate_hz;
     options.speed = command_.speed;
-    options.frames = source_.clip->frame_count();
+    options.frames = bake_.clip().frame_count();
     options.loop = !command_.once;
     options.max_ticks = command_.frames;
     if (command_.duration_s > 0) {
@@ -148,10 +191,14 @@ class Player {
 
   const PlayCommand& command_;
   const Console& console_;
-  Source source_;
+  GrowingBake& bake_;
+  BakeResult baked_;  ///< Until it is published.
   SentRecord& record_;
-  std::shared_ptr<const Asset> asset_;
+  std::unique_ptr<InBasis> now_;
   std::unique_ptr<Publisher> publisher_;
+  std::mutex mutex_;
+  std::unique_ptr<InBasis> next_;  ///< GUARDED_BY(mutex_) What the publisher goes over to.
+  std::atomic<bool> ends_ = false;
   TimeUs try_us_ = 0;  ///< When it began to try; --duration counts from here.
   TimeUs start_us_ = 0, end_us_ = 0;
   std::uint64_t skipped_ = 0;
@@ -174,14 +221,15 @@ int run(const PlayCommand& command, const Console& console, Interrupt& interrupt
   SentRecord record;
   auto opened = prepare(command, record);
   if (!opened) return report_failure(opened.error());
-  auto source = bake_with_progress(command.source, console, interrupt, std::move(*opened));
-  if (!source) return report_failure(source.error());
-  spdlog::info("{}: {} vertices, r = {}, asset {:.12}{}", source->clip->name(), source->baked.asset.vertex_count,
-               source->baked.asset.rank, source->baked.encoded.manifest.id.hex(),
-               source->baked.from_cache ? ", from the cache" : "");
-  Player player(command, console, std::move(*source), record);
-  if (const auto played = player.run(interrupt); !played) return report_failure(played.error());
-  const json report = player.report();
+  std::optional<Player> player;
+  GrowingBake bake(command.source, std::move(*opened));  // Ends first: its thread uses the player.
+  auto baked = bake.first(console, interrupt);
+  if (!baked) return report_failure(baked.error());
+  player.emplace(command, console, bake, std::move(*baked), record);
+  const auto played = player->run(interrupt);
+  player->end();
+  if (!played) return report_failure(played.error());
+  const json report = player->report();
   spdlog::info("sent {} poses in {:.1f} s, {:.1f} kbit/s; {} dropped, {} skipped, {} reconnects",
                report["frames_sent"].get<std::uint64_t>(), report["duration_s"].get<double>(),
                report["kbit_per_s"].get<double>(), report["frames_dropped"].get<std::uint64_t>(),

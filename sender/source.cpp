@@ -131,6 +131,14 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   if (opened.clip == nullptr) {
     if (const auto good = store(opened.clip, open_source(options)); !good) return good.error();
   }
+  std::vector<std::string> findings;
+  auto baked = bake_clip(options, opened, progress, findings);
+  if (!baked) return baked.error();
+  return Source{std::move(opened.clip), std::move(*baked), std::move(findings)};
+}
+
+Result<BakeResult> bake_clip(const SourceOptions& options, const OpenedSource& opened, const BakeProgress& progress,
+                             std::vector<std::string>& findings, std::function<void(BakeResult&)> first) {
   const std::unique_ptr<MotionClip>& clip = opened.clip;
   if (const auto usable = check_basis(options.basis, *clip); !usable) return in_context(options.input, usable.error());
   const Surface& rest = clip->rest();
@@ -170,6 +178,10 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   bake_options.solver = options.solver;
   bake_options.wish = wish_of(options);
   bake_options.samples = &judges;
+  for (const std::string& line : {mesh.rest_finding(), finding}) {
+    if (!line.empty()) findings.push_back(line);
+  }
+  bake_options.first = std::move(first);
   if (!options.detail.empty()) {
     const auto detail = detail_from_name(options.detail);
     if (!detail) return detail.error();
@@ -180,12 +192,7 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
                  rest.vertex_count(), bytes / 1e9);
   }
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
-  if (!baked) return in_context(options.input, baked.error());
-  Source source{std::move(opened.clip), std::move(*baked)};
-  for (const std::string& line : {mesh.rest_finding(), finding}) {
-    if (!line.empty()) source.findings.push_back(line);
-  }
-  return source;
+  return baked ? std::move(baked) : in_context(options.input, baked.error());
 }
 
 }  // namespace eigencast

@@ -37,6 +37,7 @@ struct SourceOptions {
   CageOptions cage;                                                 ///< Builds the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
+  bool waits = false;      ///< For the whole bake, instead of beginning with a part (GrowingBake).
   bool any_order = false;  ///< Take poses whose vertices certainly are in another order than the faces'.
 };
 
@@ -69,5 +70,8 @@ Result<void> check_basis(BasisKind basis, const MotionClip& clip);
 /// Errors: those of open_source, check_basis, cage_of, bind_cage and bake; kInvalidArgument (the mesh, or most of a few
 /// poses of the clip, or of options.poses, certainly are in another order of vertices than the faces).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
+/// The same of a clip that is open, which nothing uses meanwhile, before `first` is called.
+Result<BakeResult> bake_clip(const SourceOptions& options, const OpenedSource& opened, const BakeProgress& progress,
+                             std::vector<std::string>& findings, std::function<void(BakeResult&)> first = {});
 
 }  // namespace eigencast

@@ -60,7 +60,7 @@ def main():
         url = f"http://127.0.0.1:{port}/v1/assets/{hashlib.sha256(content).hexdigest()}"
         urllib.request.urlopen(urllib.request.Request(url, data=content, method="PUT"), timeout=60).close()
         stream = f"ws://127.0.0.1:{port}/live/torus"
-        processes.append(subprocess.Popen([options.bin_dir + "/eigencast-sender", "--no-progress", "play", "torus", "--to", stream],
+        processes.append(subprocess.Popen([options.bin_dir + "/eigencast-sender", "--no-progress", "play", "--wait", "torus", "--to", stream],
                                           stderr=subprocess.DEVNULL))
         for _ in range(options.viewers):
             processes.append(subprocess.Popen(["curl", "-sN", "-o", "/dev/null", "--http1.1", "-H", "Upgrade: websocket", "-H",

@@ -56,7 +56,7 @@ def real_keys(tools, count):
     if not file.exists():
         sender = tools.broker.parent / "eigencast-sender"
         with Server(tools, "broker") as server:
-            play = subprocess.Popen([sender, "play", what, "--to", f"ws://127.0.0.1:{server.port}/motion", "--rate", str(RATE)],
+            play = subprocess.Popen([sender, "play", "--wait", what, "--to", f"ws://127.0.0.1:{server.port}/motion", "--rate", str(RATE)],
                                     stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             viewer = Peer(server.port, "/v1/subscribe/motion?rate=raw", "eigencast.v2")
             viewer.sock.settimeout(60)

@@ -168,7 +168,7 @@ def truth_of(stage, clip, frames, velocities=False):
                          "0.02", "--frames", 1_000_000, "--duration", 6 + 3 * frames / 30, "--wait", 60, "--record",
                          received, "--json", report)
     sent = stage.folder / "truth-sent.jsonl"
-    stage.wait(stage.start("eigencast-sender", "--no-progress", "play", clip, "--to", stage.url("truth"), "--codec",
+    stage.wait(stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip, "--to", stage.url("truth"), "--codec",
                            "float64", "--frames", 2 * frames, "--record", sent,
                            *(["--velocities"] if velocities else [])), 300)
     stage.wait(client, 60)

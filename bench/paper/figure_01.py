@@ -45,7 +45,7 @@ def column(stage, options, name):
     clip = played(stage, options, name)
     stage.bake(clip)
     viewers = [viewer(stage, name, level) for level in LEVELS]
-    sender = stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", KEYS_HZ, "--speed", KEYS_HZ / 30, "--to",
+    sender = stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip, "--rate", KEYS_HZ, "--speed", KEYS_HZ / 30, "--to",
                          stage.url(name))
     pictures, rows, drawn = [], [], []
     for each in viewers:

@@ -19,7 +19,7 @@ LOD = 0.3  # As much as a picture of this size shows, drawn in time without a GP
 def play(stage, clip, stream, query, keys_hz):
     """Pictures by frame of the clip, with so many keys a second of the clip's own time."""
     sent = stage.folder / f"{stream}.jsonl"
-    sender = stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", keys_hz / SLOWED, "--speed", 1 / SLOWED, "--to",
+    sender = stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip, "--rate", keys_hz / SLOWED, "--speed", 1 / SLOWED, "--to",
                          stage.url(stream), "--codec", "float64", "--record", sent)
     stage.wait_live(stream)
     viewer = watch(stage, stream, query, 22, "--view", "right", "--lod", LOD)  # The clip takes 16 s, and begins anew.

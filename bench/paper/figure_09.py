@@ -83,7 +83,7 @@ def count(port, name, clients, objects, window):
 def measure(stage, number, clients, objects, rate):
     name = f"case-{number}"
     records = [stage.folder / f"{name}-{o}.jsonl" for o in range(objects)]
-    senders = [stage.start("eigencast-sender", "--no-progress", "play", "heart", "--codec", "float64", "--rate", rate, "--to",
+    senders = [stage.start("eigencast-sender", "--no-progress", "play", "--wait", "heart", "--codec", "float64", "--rate", rate, "--to",
                            stage.url(f"{name}-{o}"), "--record", record) for o, record in enumerate(records)]
     for o in range(objects):
         stage.wait_live(f"{name}-{o}")

@@ -18,7 +18,7 @@ def main():
         viewers = {name: watch(stage, "heart", query, options.seconds, size="48x48", pictures=False)
                    for name, query in QUERIES.items()}
         sent = stage.folder / "sent.jsonl"
-        sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, CLIP), "--rate", 10, "--to",
+        sender = stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip_argument(options, CLIP), "--rate", 10, "--to",
                              stage.url("heart"), "--record", sent)
         seen = {name: drawn(stage, viewer) for name, viewer in viewers.items()}
         sender.terminate()

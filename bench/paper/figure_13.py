@@ -51,7 +51,7 @@ def estimated(stage, clip, poses, scheme):
 
 def clip_itself(stage, clip, truth):
     """Pictures of the clip's own frames LAST and LAST + STEPS."""
-    sender = stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", 3, "--speed", 0.1, "--to",
+    sender = stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip, "--rate", 3, "--speed", 0.1, "--to",
                          stage.url("true"), "--codec", "float64")
     stage.wait_live("true")
     viewer = watch(stage, "true", "rate=raw", 18, *VIEW)

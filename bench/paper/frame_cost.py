@@ -66,7 +66,7 @@ def main():
         stage.wait(stage.start("eigencast-sender", "--no-progress", "bake", clip), 1800)
         if options.prepare:
             return
-        stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", 2, "--speed", 1 / 15, "--to", stage.url("torus"))
+        stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip, "--rate", 2, "--speed", 1 / 15, "--to", stage.url("torus"))
         first = watch(stage, 0.02, "64x36", "cpu", 6, options)
         if first["asset_bytes"]["downloaded"] + first["asset_bytes"]["cached"] < first["asset_bytes"]["total"]:
             raise SystemExit("the surface did not arrive in time; give --seconds more")

@@ -62,7 +62,7 @@ def measure(stage, options, clip, link, frames, surface):
     folder = stage.folder / f"{clip}-{link}"
     folder.mkdir()
     stream = f"{clip}-{link}"
-    sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, clip), "--rate", options.rate,
+    sender = stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip_argument(options, clip), "--rate", options.rate,
                          "--to", stage.url(stream), "--duration", options.seconds + 9, "--record", folder / "sent.jsonl")
     viewers = []
     for number, (query, arguments) in enumerate(MODES.values()):

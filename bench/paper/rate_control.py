@@ -61,7 +61,7 @@ def main():
         for clip, path in clips.items():
             for target in TARGETS:
                 stream = f"{clip}-{target}"
-                stage.start("eigencast-sender", "--no-progress", "play", path, "--rank", 200, "--rate", RATE, "--to", stage.url(stream),
+                stage.start("eigencast-sender", "--no-progress", "play", "--wait", path, "--rank", 200, "--rate", RATE, "--to", stage.url(stream),
                             *(["--bitrate", target] if target else []))
                 runs[clip, target] = Viewer(stage.port, stream, options.seconds)
                 runs[clip, target].start()

@@ -27,7 +27,7 @@ def draw(stage, options, name):
         return kept
     stage.bake(clip_argument(options, name))
     viewer = watch(stage, name, "rate=raw", 120, "--frames", options.pictures, size=options.size)
-    sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, name), "--rate", options.pace, "--speed",
+    sender = stage.start("eigencast-sender", "--no-progress", "play", "--wait", clip_argument(options, name), "--rate", options.pace, "--speed",
                          options.pace / PICTURES_PER_S, "--to", stage.url(name))
     lines, _ = drawn(stage, viewer)
     sender.terminate()

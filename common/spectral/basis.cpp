@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/spectral/augment.h"
+#include "common/spectral/multilevel.h"
 
 namespace eigencast {
 namespace {
@@ -41,7 +42,7 @@ Result<BasisShape> try_groups(const Augmentation& augmentation, int K, int max_K
   return trial.choose(offers);
 }
 
-Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, int rank, EigenSolver solver,
+Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, int rank, const BasisOptions& options,
                               const Progress& progress, const BasisTrial* trial) {
   const int K = std::clamp(rank / 10, 1, kGroups), max_K = trial ? std::clamp(rank / 10, K, kMaxGroups) : K;
   const Eigen::VectorXd root_mass = laplacian.mass.cwiseSqrt();
@@ -51,7 +52,9 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
   // long, a coarser surface predicts the number.
   const int limit = rank - static_cast<int>(candidates.affine.cols()) + 4;
   int m = std::clamp(rank - 3 * K + 3, K, limit);
-  if (laplacian.mass.size() > kWorthPredicting) {
+  if (options.provisional) {
+    m = limit;  // They cost next to nothing.
+  } else if (laplacian.mass.size() > kWorthPredicting) {
     m = std::max(m, std::min(limit, harmonics_on_coarser(rest.positions, laplacian, K, rank)));
   }
   double done = 0;
@@ -61,7 +64,8 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
     const Progress part = [&](double fraction, std::string_view stage) {
       return !progress || progress(done + share * fraction, stage);
     };
-    auto eigenbasis = solve_eigenbasis(laplacian, m, part, solver);
+    auto eigenbasis = options.provisional ? provisional_eigenbasis(laplacian, m, part)
+                                          : solve_eigenbasis(laplacian, m, part, options.solver);
     if (!eigenbasis) return eigenbasis.error();
     done += share;
     candidates.harmonics = std::move(eigenbasis->Phi);
@@ -123,7 +127,7 @@ Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const
   const int rank = static_cast<int>(std::min<Eigen::Index>(options.rank, std::max<Eigen::Index>(least, n / 2 - 1)));
   try {
     if (options.kind == BasisKind::kAugmented) {
-      return build_augmented(rest, laplacian, rank, options.solver, progress, trial);
+      return build_augmented(rest, laplacian, rank, options, progress, trial);
     }
     auto eigenbasis = solve_eigenbasis(laplacian, rank, progress, options.solver);
     if (!eigenbasis) return eigenbasis.error();

@@ -58,6 +58,7 @@ struct BasisOptions {
   BasisKind kind = BasisKind::kAugmented;  ///< Or kHarmonic.
   int rank = 200;  ///< r; lowered to what n allows: n/2 - 1, but 4 for an augmented basis, which its rest pose needs.
   EigenSolver solver = EigenSolver::kLanczos;
+  bool provisional = false;  ///< Of provisional_eigenbasis(), for the first poses of a stream. Augmented bases only.
 };
 
 }  // namespace eigencast

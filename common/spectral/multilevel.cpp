@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <memory>
 #include <string_view>
 #include <utility>
@@ -21,6 +22,9 @@ constexpr double kFactorBytes = 1000;  // per row, at a million rows
 constexpr int kLikelySteps = 2;
 constexpr double kDamping = 0.66;  // of Jacobi's step, in units of 1 / diagonal
 constexpr int kFree = -1;
+// Of a provisional basis: the most vertices that are solved exactly, and steps of smoothing after each interpolation.
+constexpr Eigen::Index kProvisionalVertices = 30000;
+constexpr int kSmoothings = 3;
 
 using RowMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 using Entry = Eigen::SparseMatrix<double>::InnerIterator;
@@ -228,6 +232,37 @@ double multilevel_bytes(Eigen::Index n, int m) {
   const auto threads = static_cast<double>(worker_team().threads());
   const double columns = static_cast<double>(columns_for(m)) + m + 2 * threads * kWidth;
   return static_cast<double>(n) * (8 * columns + kFactorBytes);
+}
+
+Result<Eigenbasis> provisional_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress) {
+  std::deque<Coarsened> levels;
+  const auto at = [&](std::size_t level) -> const Laplacian& {
+    return level == 0 ? laplacian : levels[level - 1].laplacian;
+  };
+  while (at(levels.size()).L.rows() > kProvisionalVertices) {
+    Coarsened coarse = coarsen(at(levels.size()));
+    if (coarse.laplacian.L.rows() <= 2 * m) break;
+    levels.push_back(std::move(coarse));
+  }
+  auto basis = solve_eigenbasis_exactly(at(levels.size()), m, progress);
+  if (!basis || levels.empty()) return basis;
+  for (std::size_t level = levels.size(); level-- > 0;) {
+    const Laplacian& here = at(level);
+    const RowMatrix L = here.L;
+    const Eigen::VectorXd step = here.L.diagonal().unaryExpr([](double d) { return d > 0 ? kDamping / d : 0.0; });
+    basis->Phi = levels[level].P * basis->Phi;
+    for (int i = 0; i < kSmoothings; ++i) basis->Phi -= step.asDiagonal() * (L * basis->Phi).eval();
+  }
+  const Eigen::MatrixXd A = basis->Phi.transpose() * (RowMatrix(laplacian.L) * basis->Phi);
+  const Eigen::MatrixXd B = basis->Phi.transpose() * laplacian.mass.asDiagonal() * basis->Phi;
+  DenseEigen pairs = dense_eigen(A, B);
+  if (!pairs.converged || !pairs.values.allFinite())
+    return fail(ErrorCode::kNumerical, "the interpolated eigenvectors of the surface are not independent");
+  basis->Phi *= pairs.vectors;
+  basis->eigenvalues = std::move(pairs.values);
+  basis->certified = false;
+  basis->approximate = true;
+  return basis;
 }
 
 Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, const MultilevelOptions& options,

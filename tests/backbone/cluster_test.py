@@ -103,7 +103,7 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         self.processes[name].wait()
 
     def start_sender(self, broker, stream, surface="torus"):
-        process = self.hosts[broker].run(PROGRAMS / "eigencast-sender", "--no-progress", "play", surface, "--rate", "30", "--to",
+        process = self.hosts[broker].run(PROGRAMS / "eigencast-sender", "--no-progress", "play", "--wait", surface, "--rate", "30", "--to",
                                          f"ws://127.0.0.1:{DATA_PORT}/{stream}", stdout=self.log_of(f"sender-{stream}"),
                                          stderr=self.log_of(f"sender-{stream}"), env={**os.environ, "XDG_CACHE_HOME": str(self.path("cache"))})
         self.senders.append(process)

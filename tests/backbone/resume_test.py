@@ -81,7 +81,7 @@ class Resume(unittest.TestCase):
 
     def test_a_living_sender_goes_on_at_another_broker(self):
         several = lambda first: ",".join(f"127.0.0.1:{self.data[(first + i) % 3]}" for i in range(3))
-        self.run_until_end(PROGRAMS / "eigencast-sender", "--no-progress", "play", "torus", "--rate", "30", "--to", f"ws://{several(0)}/s",
+        self.run_until_end(PROGRAMS / "eigencast-sender", "--no-progress", "play", "--wait", "torus", "--rate", "30", "--to", f"ws://{several(0)}/s",
                            env={**os.environ, "XDG_CACHE_HOME": str(self.folder)})
         fixed = [self.viewer([port]) for port in self.data]
         moving = [self.viewer([self.data[(first + i) % 3] for i in range(3)]) for first in range(3)]

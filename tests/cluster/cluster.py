@@ -191,7 +191,7 @@ class RealSender(Machine):
         first = next(self.turns)
         hosts_ = [self.cluster.network.hosts[BROKERS[(first + i) % len(BROKERS)]] for i in range(len(BROKERS))]
         brokers = ",".join(f"{host.address}:{clients.PORT}" for host in hosts_)
-        return [self.cluster.programs / "eigencast-sender", "--no-progress", "play", "heart", "--velocities", "--rate", str(KEYS_PER_S), "--to",
+        return [self.cluster.programs / "eigencast-sender", "--no-progress", "play", "--wait", "heart", "--velocities", "--rate", str(KEYS_PER_S), "--to",
                 f"ws://{brokers}/{self.name}"]
 
     def environment(self):

@@ -112,7 +112,7 @@ def main():
         port, admin = (int(line) for line in open(folder + "/port").read().split())
 
         def start_sender():
-            return subprocess.Popen([options.bin_dir + "/eigencast-sender", "--no-progress", "play", "torus", "--rate", "30", "--to",
+            return subprocess.Popen([options.bin_dir + "/eigencast-sender", "--no-progress", "play", "--wait", "torus", "--rate", "30", "--to",
                                      f"ws://127.0.0.1:{port}/soak/torus"], stderr=open(folder + "/sender.log", "a"))
 
         sender = start_sender()

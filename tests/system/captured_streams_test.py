@@ -132,7 +132,7 @@ class CapturedStreams(unittest.TestCase):
         with Broker(BROKER) as broker:
             url = f"ws://127.0.0.1:{broker.port}/"
             common = ["--rank", str(RANK), "--rate", "30"]
-            senders = [subprocess.Popen([SENDER, "--no-progress", "play", "--memory", "off", *what, "--to", url + stream, *common], stderr=subprocess.DEVNULL)
+            senders = [subprocess.Popen([SENDER, "--no-progress", "play", "--wait", "--memory", "off", *what, "--to", url + stream, *common], stderr=subprocess.DEVNULL)
                        for stream, what in (("clip", [clip()]), ("moving", ["heart", "--velocities"]))]
             captures, viewers = {}, {}
             try:

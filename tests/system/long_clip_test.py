@@ -52,7 +52,7 @@ def peak_mb(pid):
 def play(clip, url, cache):
     """Peak memory in MB by the time that it has sent some hundred poses."""
     log = open(clip.with_suffix(".log"), "wb")
-    sender = subprocess.Popen([SENDER, "play", clip, "--to", url, "--rate", "100", "--frames", "300", "--cache", cache], stderr=log)
+    sender = subprocess.Popen([SENDER, "play", "--wait", clip, "--to", url, "--rate", "100", "--frames", "300", "--cache", cache], stderr=log)
     peak = 0
     end = time.monotonic() + 400
     while sender.poll() is None:

@@ -54,7 +54,7 @@ std::unique_ptr<Process> Scene::start_broker(std::vector<std::string> more, std:
 }
 
 std::unique_ptr<Process> Scene::start_sender(std::vector<std::string> arguments, const std::string& to) {
-  std::vector<std::string> all{program("eigencast-sender"), "play"};
+  std::vector<std::string> all{program("eigencast-sender"), "play", "--wait"};
   all.insert(all.end(), arguments.begin(), arguments.end());
   all.insert(all.end(), {"--to", to.empty() ? url() : to, "--record", file("sent.jsonl")});
   return std::make_unique<Process>(std::move(all), file("sender.log"));
