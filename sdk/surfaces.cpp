@@ -15,10 +15,11 @@ Surfaces::Surfaces(std::string cache_dir, std::function<void()> wake, LogSink lo
 
 bool Surfaces::announce(const control::StreamInfo& info) {
   if (info.state == control::StreamInfo::State::kWaiting || info.asset.empty()) return false;
+  to_come_ = info.next ? info.next->asset : std::string();
   if (latest() && latest()->goes_on_as(info.asset)) {
     if (latest()->epoch != info.epoch) change_.reset();
     adopt(*latest(), info);
-    prepare(info.next ? info.next->asset : std::string());
+    prepare();
     return false;
   }
   const bool has_come = next_ && next_->goes_on_as(info.asset) && next_->finished() && !pending_ && shown_;
@@ -29,7 +30,7 @@ bool Surfaces::announce(const control::StreamInfo& info) {
     }
     shown_ = std::move(next_);
     adopt(*shown_, info);
-    prepare(info.next ? info.next->asset : std::string());
+    prepare();
     return true;
   }
   if (shown_ && shown_->goes_on_as(info.asset)) {  // Back to what is shown before its successor could be.
@@ -47,14 +48,14 @@ bool Surfaces::announce(const control::StreamInfo& info) {
 }
 
 /// After the surface that is shown: it is not to wait.
-void Surfaces::prepare(const std::string& asset) {
-  if (next_ && next_->asset == asset) return;
+void Surfaces::prepare() {
+  if (next_ && next_->asset == to_come_) return;
   told_prepared_ = false;
   const bool asked = next_ && working() == next_.get();
   next_.reset();
-  if (!asset.empty() && shown_ && asset != shown_->asset) {
+  if (!to_come_.empty() && shown_ && !pending_ && to_come_ != shown_->asset) {
     next_ = std::make_unique<Slot>();
-    next_->asset = asset;
+    next_->asset = to_come_;
     next_->format.rows = 0;
   }
   if (asked || (next_ && working() == next_.get())) ask();
@@ -144,7 +145,10 @@ bool Surfaces::add_object() {
     damage(*slot, added.error());
   } else {
     ++slot->next_chunk;
-    if (slot == pending_.get()) shown_ = std::move(pending_);
+    if (slot == pending_.get()) {
+      shown_ = std::move(pending_);
+      prepare();
+    }
     if (slot == next_.get() && slot->finished()) begin_change(*slot);
   }
   if (slot->finished() && working() != slot) ask();

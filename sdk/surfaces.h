@@ -87,7 +87,7 @@ class Surfaces {
   bool check_format_of(Slot& slot);
   /// What the next object is for.
   Slot* working();
-  void prepare(const std::string& asset);
+  void prepare();
   void begin_change(Slot& next);
   void ask();
   void read_manifest(Slot& slot, ByteView bytes);
@@ -99,6 +99,7 @@ class Surfaces {
   std::unique_ptr<Slot> pending_;  ///< Holds the newest epoch until its first chunk is in.
   std::unique_ptr<Slot> next_;     ///< Of an epoch to come.
   std::optional<ChangeOver> change_;
+  std::string to_come_;  ///< The asset that next_ is to be, once something is shown; empty: none.
   bool told_prepared_ = false;
   AssetFetcher fetcher_;  ///< Last, so that it ends first.
 };

@@ -27,8 +27,8 @@ class GrowingBake {
 
   /// Waits for an asset to begin with; shows progress meanwhile. Errors: those of bake_source(), kCancelled.
   Result<BakeResult> first(const Console& console, Interrupt& interrupt);
-  /// Call once after a first() that is not whole: `whole` and `progress` are called on the bake's thread, which uses the
-  /// clip no more.
+  /// Call once after a first() that is not whole: `whole` and `progress` are called on the bake's thread, which uses
+  /// the clip no more.
   void then(std::function<void(Result<BakeResult>&)> whole, std::function<void(double)> progress);
   bool is_whole() const { return is_whole_; }  ///< What first() gave.
 

@@ -12,7 +12,7 @@
 namespace eigencast {
 namespace {
 
-std::vector<float> positions_of(const Asset& asset, std::span<const double> C) {
+std::vector<float> vertices_of(const Asset& asset, std::span<const double> C) {
   std::vector<float> X(std::size_t{3} * asset.vertex_count);
   positions_from_coefficients(asset, C, 3, asset.rank, asset.vertex_count, X);
   return X;
@@ -31,14 +31,14 @@ TEST(Transfer, PosesOfFewerColumnsAreThoseOfMore) {
   ASSERT_TRUE(up && down);
   const auto C = pose(coarse, 3);
   const auto same = up->apply(C, 3);
-  EXPECT_LT(farthest(positions_of(coarse, C), positions_of(fine, same)), 2e-3 * coarse.diagonal());
+  EXPECT_LT(farthest(vertices_of(coarse, C), vertices_of(fine, same)), 2e-3 * coarse.diagonal());
   const auto back = down->apply(same, 3);
-  EXPECT_LT(farthest(positions_of(coarse, C), positions_of(coarse, back)), 2e-3 * coarse.diagonal());
+  EXPECT_LT(farthest(vertices_of(coarse, C), vertices_of(coarse, back)), 2e-3 * coarse.diagonal());
   EXPECT_TRUE(up->apply(std::vector<double>(7), 3).empty());
 }
 
 TEST(Transfer, SurfacesOfOtherVerticesHaveNone) {
-  auto other = bake(make_icosphere(2), {.rank = 40});
+  auto other = bake(make_icosphere(2), {.basis = BasisKind::kAugmented, .rank = 40, .name = "ball"});
   ASSERT_TRUE(other);
   EXPECT_FALSE(Transfer::between(*model(40).asset, other->asset));
   Asset turned = *model(90).asset;
@@ -49,7 +49,7 @@ TEST(Transfer, SurfacesOfOtherVerticesHaveNone) {
 TEST(ChangeOver, AnotherSurfaceIsRefused) {
   LoopbackBroker broker;
   Sender sender(broker, 40);
-  auto other = bake(make_icosphere(2), {.rank = 40});
+  auto other = bake(make_icosphere(2), {.basis = BasisKind::kAugmented, .rank = 40, .name = "ball"});
   const auto refused = sender.publisher->change_to(std::make_shared<const Asset>(std::move(other->asset)),
                                                    std::make_shared<const EncodedAsset>(std::move(other->encoded)));
   ASSERT_FALSE(refused);
@@ -62,7 +62,7 @@ class Changing {
   Changing(const LoopbackBroker& broker, CodecKind codec) : sender_(broker, 40, codec) {}
   Publisher& publisher() { return *sender_.publisher; }
   SendStatus send() {
-    const auto X = positions_of(*model(90).asset, pose(*model(90).asset, count_));
+    const auto X = vertices_of(*model(90).asset, pose(*model(90).asset, count_));
     std::vector<float> source(X.size());
     for (std::size_t row = 0; row < model(90).asset->vertex_count; ++row) {
       for (std::size_t d = 0; d < 3; ++d)
@@ -83,7 +83,7 @@ class Changing {
 TEST(ChangeOver, ViewersSeeOneContinuousStream) {
   LoopbackBroker broker;
   Changing sender(broker, CodecKind::kQuantised);
-  const auto viewer = subscribe(broker);
+  const auto viewer = eigencast::subscribe(broker);
   struct Seen {
     std::uint32_t epoch;
     std::uint64_t sequence;
@@ -93,8 +93,9 @@ TEST(ChangeOver, ViewersSeeOneContinuousStream) {
   const auto watch = [&] {
     for (const ReceivedPose& p : viewer->poll(milliseconds(4))) {
       ASSERT_EQ(p.coefficients.size(), std::size_t{3} * viewer->asset()->rank);
-      seen.push_back({p.envelope.epoch, p.envelope.sequence,
-                      positions_of(*viewer->asset(), {p.coefficients.begin(), p.coefficients.end()})});
+      seen.push_back(
+          {p.envelope.epoch, p.envelope.sequence,
+           vertices_of(*viewer->asset(), std::span<const double>(p.coefficients.begin(), p.coefficients.size()))});
     }
   };
   ASSERT_TRUE(eventually([&] {
@@ -140,7 +141,7 @@ TEST(ChangeOver, LostConnectionsAreMadeUpFor) {
   EXPECT_EQ(sender.publisher().asset()->rank, 90u) << "nobody is there to prepare";
   broker.start();
   ASSERT_TRUE(eventually([&] { return sender.send() == SendStatus::kSent; }));
-  const auto viewer = subscribe(broker);
+  const auto viewer = eigencast::subscribe(broker);
   ASSERT_TRUE(eventually([&] {
     (void)sender.send();
     return !viewer->poll(milliseconds(4)).empty();
@@ -153,7 +154,7 @@ TEST(ChangeOver, ViewersThatComeInBetweenSeeWhatIsSent) {
   Changing sender(broker, CodecKind::kFloat64);
   ASSERT_TRUE(eventually([&] { return sender.send() == SendStatus::kSent; }));
   ASSERT_TRUE(sender.publisher().change_to(model(90).asset, model(90).encoded));
-  const auto viewer = subscribe(broker);
+  const auto viewer = eigencast::subscribe(broker);
   std::size_t poses = 0;
   ASSERT_TRUE(eventually([&] {
     (void)sender.send();
