@@ -38,6 +38,8 @@ class Viewer(threading.Thread):
         with eigencast.Subscriber(self.url + "?rate=raw", cache_dir="") as subscriber:
             while not self.ended:
                 pose = subscriber.next(timeout=0.05)
+                if pose is None and len(self.poses) == 1:
+                    pose = subscriber._pose()  # Its detail may have come meanwhile.
                 if pose is None:
                     continue
                 if self.poses and pose.capture_us == self.poses[-1].capture_us:
