@@ -4,6 +4,7 @@
 
 Usage: blender_test.py BROKER LIBRARY SOURCE_FOLDER [-v] [CASE]. Without Blender it fails: deploy/install-packages.sh full installs it.
 """
+import contextlib
 import json
 import os
 import pathlib
@@ -39,7 +40,8 @@ class Viewer(threading.Thread):
             while not self.ended:
                 pose = subscriber.next(timeout=0.05)
                 if pose is None and len(self.poses) == 1:
-                    pose = subscriber._pose()  # Its detail may have come meanwhile.
+                    with contextlib.suppress(eigencast.Error):  # Between two surfaces there is none.
+                        pose = subscriber._pose()  # Its detail may have come meanwhile.
                 if pose is None:
                     continue
                 if self.poses and pose.capture_us == self.poses[-1].capture_us:
