@@ -10,7 +10,8 @@ namespace eigencast::igtl {
 namespace {
 
 constexpr const char* kAbout =
-    R"(Bridges streams of surfaces and OpenIGTLink: what 3D Slicer sends as POLYDATA becomes a stream, and a stream POLYDATA.
+    R"(Bridges streams of surfaces and OpenIGTLink: what 3D Slicer sends as POLYDATA becomes a stream, and a stream
+POLYDATA.
 
 OpenIGTLink has neither passwords nor encryption: listen elsewhere than on this machine in networks that you trust.)";
 
