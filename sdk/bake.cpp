@@ -426,12 +426,10 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
     order = std::move(*taken);
     return {};
   };
-  std::vector<GeometricError> level_errors;
   const auto encode = [&](const Basis& basis, const BakeOptions& of, BakeResult& into) -> Result<void> {
     Asset exact = asset_from(surface, appearance, normals, basis, *order, of);
     exact.operator_kind = operator_of(surface, *laplacian, of);
-    if (level_errors.empty()) level_errors = level_errors_of(exact, surface, poses);
-    exact.level_errors = level_errors;
+    if (of.rank == options.rank) exact.level_errors = level_errors_of(exact, surface, poses);  // Not of the first.
     const AssetEncoding encoding = encoding_of(exact, basis, of);
     if (const DetailKind detail = detail_of(of); detail != DetailKind::kNone)
       exact.detail = detail_from(detail, exact, surface, normals, encoding);
