@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 #include <variant>
 
 #include "sdk/asset_cache.h"
 #include "sdk/asset_folder.h"
 #include "sdk/recorded_stream.h"
+#include "sdk/transfer.h"
 
 namespace eigencast {
 namespace {
@@ -33,19 +35,26 @@ class RecordedPoses {
  private:
   Result<void> begin(const control::Announce& announce) {
     follows_ = false;
+    if (has_begun_ && clip_.info.asset == announce.asset && clip_.info.format == announce.format) return {};
+    if (has_begun_ && !announce.continues) return another_surface();
+    auto asset = surface_of(announce);
+    if (!asset) return asset.error();
     if (has_begun_) {
-      if (clip_.info.asset == announce.asset && clip_.info.format == announce.format) return {};
-      return fail(ErrorCode::kUnsupported,
-                  "its sender changes the surface on the way; eigencast-sender replay plays it");
+      if (const auto moved = move_to(*asset, announce); !moved) return moved;
     }
-    control::StreamInfo info;
-    info.stream = stream_.info().start.stream;
-    info.state = control::StreamInfo::State::kLive;
-    info.asset = announce.asset;
-    info.format = announce.format;
-    info.key_rate_hz = announce.key_rate_hz;
-    info.world = announce.world;
-    auto whole = assemble_asset(*Sha256::from_hex(info.asset), [&](const Sha256& wanted) -> Result<Bytes> {
+    clip_.info.stream = stream_.info().start.stream;
+    clip_.info.state = control::StreamInfo::State::kLive;
+    clip_.info.asset = announce.asset;
+    clip_.info.format = announce.format;
+    clip_.info.key_rate_hz = announce.key_rate_hz;
+    clip_.info.world = announce.world;
+    clip_.asset = *std::move(asset);
+    has_begun_ = true;
+    return {};
+  }
+
+  Result<Asset> surface_of(const control::Announce& announce) {
+    auto whole = assemble_asset(*Sha256::from_hex(announce.asset), [&](const Sha256& wanted) -> Result<Bytes> {
       auto held = stream_.object(wanted);
       if (held || held.error().code != ErrorCode::kNotFound) return held;
       if (auto cached = cache_.load(wanted)) return *std::move(cached);
@@ -54,12 +63,27 @@ class RecordedPoses {
                   "recording.include_asset = true");
     });
     if (!whole) return whole.error();
-    if (whole->asset.rank != info.format.rows)
+    if (whole->asset.rank != announce.format.rows)
       return fail(ErrorCode::kCorrupt, "the recorded poses do not fit their surface");
-    clip_.asset = std::move(whole->asset);
-    clip_.info = std::move(info);
-    has_begun_ = true;
+    return std::move(whole->asset);
+  }
+
+  /// The poses so far, in the basis that the sender goes on in.
+  Result<void> move_to(const Asset& asset, const control::Announce& announce) {
+    const std::uint32_t channels = announce.format.channels;
+    const auto transfer = channels == clip_.info.format.channels ? Transfer::between(clip_.asset, asset) : std::nullopt;
+    if (!transfer) return another_surface();
+    bytes_ = clip_.frames.size() * asset.rank * channels * sizeof(double);
+    if (bytes_ > kMaxCoefficientBytes) return too_large();
+    for (std::vector<double>& C : clip_.frames) C = transfer->apply(C, channels);
     return {};
+  }
+
+  static Error another_surface() {
+    return fail(ErrorCode::kUnsupported, "its sender changes the surface on the way; eigencast-sender replay plays it");
+  }
+  static Error too_large() {
+    return fail(ErrorCode::kTooLarge, "over 1 GiB of coefficients; eigencast-sender replay streams any number");
   }
 
   /// Since the pose before it. A sender that comes back may have another clock, and what is between may be cut out.
@@ -80,8 +104,7 @@ class RecordedPoses {
         std::copy_n(clip_.asset.rest.begin() + static_cast<std::ptrdiff_t>(3 * row), 3, &C[row * layout.channels]);
     }
     bytes_ += C.size() * sizeof(double);
-    if (bytes_ > kMaxCoefficientBytes)
-      return fail(ErrorCode::kTooLarge, "over 1 GiB of coefficients; eigencast-sender replay streams any number");
+    if (bytes_ > kMaxCoefficientBytes) return too_large();
     clip_.times_us.push_back(clip_.frames.empty()
                                  ? 0
                                  : clip_.times_us.back() +

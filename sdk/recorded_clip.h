@@ -25,10 +25,11 @@ struct RecordedClip {
 
 /// Reads a recording (docs/recording-format.md) whole, with the surface that it holds or that cache_dir has. Poses keep
 /// their capture times; pauses, and what lies between two announcements, last 5 s at most. Absent bands read as the
-/// rest pose.
+/// rest pose. Where the sender goes on in another basis of the surface, all poses are in the last one (Transfer).
 ///
 /// Safe on hostile input. Errors: those of RecordedStream and assemble_asset; kNotFound (the surface is nowhere),
-/// kCorrupt, kUnsupported (another surface follows), kTooLarge (over 1 GiB of coefficients), kCancelled.
+/// kCorrupt, kUnsupported (another
+/// surface follows), kTooLarge (over 1 GiB of coefficients), kCancelled.
 Result<RecordedClip> read_recording(const std::string& path, const std::string& cache_dir,
                                     const BakeProgress& progress = {});
 

@@ -38,8 +38,9 @@ class RecordedClips : public ::testing::Test {
     return key_from_coefficients(layout_, C, 0).value();
   }
 
-  void announce(recording::Writer& writer, TimeUs time_us, const std::string& asset) const {
+  void announce(recording::Writer& writer, TimeUs time_us, const std::string& asset, bool continues = false) const {
     control::Announce announce;
+    announce.continues = continues;
     announce.asset = asset;
     announce.format = {layout_.rows, 3, layout_.band_ends, "float64"};
     announce.key_rate_hz = 25;
@@ -113,6 +114,43 @@ TEST_F(RecordedClips, ASenderThatComesBackIsAPause) {
   ASSERT_EQ((*clip)->frames.size(), kPoses + 1u);
   EXPECT_EQ((*clip)->times_us.back(), (kPoses - 1) * kInterval + 5'000'000) << "of a minute";
   write(true, std::string(64, 'a'));
+  EXPECT_EQ(BakedClip::open(path_, "").error().code, ErrorCode::kUnsupported);
+}
+
+/// A sender begins with a coarse basis and goes on in the whole one.
+TEST_F(RecordedClips, AnotherBasisOfTheSurfaceGoesOn) {
+  BakeOptions options;
+  options.name = "ball";
+  options.rank = 30;
+  const BakeResult coarse = bake(make_icosphere(2), options, "").value();
+  const BakeResult whole = std::move(*baked_);
+  const auto record = [&](bool continues) {
+    std::filesystem::remove(path_);
+    auto writer = recording::Writer::create(path_, {"lab/ball", "test", 0}).value();
+    const auto play = [&](const BakeResult& baked, int first, int last) {
+      *baked_ = baked;
+      layout_ = {CodecKind::kFloat64, baked.asset.rank, 3, baked.asset.band_ends};
+      EXPECT_TRUE(writer.object(first * kInterval, baked.encoded.manifest.id.digest, baked.encoded.manifest.bytes));
+      for (const AssetObject& chunk : baked.encoded.chunks)
+        EXPECT_TRUE(writer.object(first * kInterval, chunk.id.digest, chunk.bytes));
+      announce(writer, first * kInterval, own_asset(), continues && first > 0);
+      for (int k = first; k < last; ++k) join(writer, k, k * kInterval, k * kInterval);
+    };
+    play(coarse, 0, 5);
+    play(whole, 5, 9);
+    EXPECT_TRUE(writer.finish());
+  };
+  record(true);
+  const auto clip = BakedClip::open(path_, "");
+  ASSERT_TRUE(clip) << clip.error().message;
+  EXPECT_EQ((*clip)->asset.rank, whole.asset.rank);
+  ASSERT_EQ((*clip)->frames.size(), 9u);
+  for (std::size_t k = 0; k < 9; ++k) {
+    ASSERT_EQ((*clip)->frames[k].size(), 3 * whole.asset.rank);
+    EXPECT_NEAR((*clip)->frames[k][0], static_cast<double>(k), 1e-3) << "both have the same first column";
+    EXPECT_EQ((*clip)->times_us[k], static_cast<TimeUs>(k) * kInterval);
+  }
+  record(false);
   EXPECT_EQ(BakedClip::open(path_, "").error().code, ErrorCode::kUnsupported);
 }
 
