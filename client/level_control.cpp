@@ -126,22 +126,23 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
   std::vector<ObjectView> objects;
   std::vector<SurfaceView*> views;
   std::vector<std::vector<LevelGain>> gains;
-  gains.reserve(instances.size() + 1);
-  double bends = 0;
+  gains.reserve(instances.size());
+  std::vector<std::pair<double, std::size_t>> known;  // Bends, and whose they are.
   for (Scene::Instance& instance : instances) {
     const Asset* asset = sources[instance.placement.source]->asset();
     if (asset == nullptr || instance.view.facts().version == 0) continue;
     objects.push_back(object_view(instance, *asset, camera, settings_.floor));
     objects.back().gains = gains.emplace_back(gains_of(*asset));
-    bends += bend_of(*asset);
+    if (!gains.back().empty()) known.emplace_back(bend_of(*asset), objects.size() - 1);
     views.push_back(&instance.view);
   }
   if (objects.empty()) return;
-  const auto known = std::count_if(gains.begin(), gains.end(), [](const auto& of) { return !of.empty(); });
-  // What is not known is as of the others.
-  if (known > 0) gains.push_back({{1, bends / static_cast<double>(known)}});
-  for (ObjectView& object : objects) {
-    if (object.gains.empty() && known > 0) object.gains = gains.back();
+  if (!known.empty()) {  // What is not known is as the median of the others.
+    const auto median = known.begin() + static_cast<std::ptrdiff_t>(known.size() / 2);
+    std::nth_element(known.begin(), median, known.end());
+    for (ObjectView& object : objects) {
+      if (object.gains.empty()) object.gains = objects[median->second].gains;
+    }
   }
   if (!has_resolver()) make_resolver(camera);
   if (std::exchange(was_still_, false)) last.reset();  // of a picture that nothing was lowered in
