@@ -113,6 +113,7 @@ class BrokerPublisher final : public Publisher {
   BrokerPublisher(PublisherOptions options, BrokerUrl url, std::unique_ptr<Sending> sending, LogSink log)
       : options_(std::move(options)), url_(std::move(url)), log_(std::move(log)), now_(std::move(sending)) {
     restart_still();
+    stats_.detail = "connecting to " + url_.origin();
   }
 
   void start() {
