@@ -319,6 +319,12 @@ export class FrameDecoder {
     this.#older = this.#newer = this.#number = null;
   }
 
+  /** Keeps the first `count` segments of the memory: `kept` of a `remember`. */
+  keepSegments(count) {
+    this.#poseCount = this.#segments[count]?.first ?? this.#poseCount;
+    this.#segments.length = Math.min(count, this.#segments.length);
+  }
+
   /** Appends a segment to the memory that keys may be predicted from; `asset`: the 32 bytes of its id. */
   addSegment(asset, bytes) {
     const reader = new Reader(bytes);

@@ -67,6 +67,7 @@ test('KeysOfAMemoryAreThoseThatTheReferenceDecoderReads', async () => {
   const expected = new Map();  // The join that a memory begins with replaces the last key's pose.
   for (const message of came) {
     if (message.op === 'stream' && message.format) [decoder, asset] = [new FrameDecoder({ ...message.format, scheme: 'linear' }), message.asset];
+    if (message.op === 'remember') decoder.keepSegments(message.kept ?? 0);
     for (const id of message.op === 'remember' ? message.segments : [])
       decoder.addSegment(Buffer.from(asset, 'hex'), new Uint8Array(await (await fetch(urlOf(shared, `/v1/assets/${id}`))).arrayBuffer()));
     if (!(message instanceof Uint8Array)) continue;
