@@ -15,6 +15,7 @@
 #include "common/wire/control.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
+#include "sdk/recorded_clip.h"
 #include "sender/option_groups.h"
 
 namespace eigencast {
@@ -45,6 +46,7 @@ eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to http:
 constexpr const char* kExportExamples =
     R"(eigencast-sender export fox.glb --to fox.mdd
 eigencast-sender export clip.npy --to frames/
+eigencast-sender export show.ecrec --to show.html
 eigencast-sender export show.ecrec --to show.glb --from 10 --duration 5 --level 0.3)";
 constexpr const char* kEvaluateExamples =
     R"(eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
@@ -279,12 +281,14 @@ void add_commands(CLI::App& app, Settings& s) {
   s.export_clip.source.cache_dir = default_cache_dir();
   export_clip->option_defaults()->group(kOwnGroup);
   export_clip
-      ->add_option(
-          "--to", s.export_clip.to,
-          "x.glb (morph targets), x.usda, x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off "
-          "(a file a pose) or folder/")
+      ->add_option("--to", s.export_clip.to,
+                   "x.html (a page that plays it, in one file), x.ecrec (a recording), x.glb (morph targets), x.usda, "
+                   "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off "
+                   "(a file a pose) or folder/")
       ->required()
-      ->check(output_path(check_clip_path));
+      ->check(output_path([](const std::string& path) {
+        return path.ends_with(".html") || is_recording(path) ? check_output_file(path) : check_clip_path(path);
+      }));
   bounded(*export_clip, "--from", s.export_clip.part.from_s, "begin so many seconds into the clip", 0.0, kMaxSeconds);
   bounded(*export_clip, "--duration", s.export_clip.part.duration_s, "write so many seconds (default: to the end)",
           1e-3, kMaxSeconds);

@@ -6,10 +6,14 @@
 
 #include "common/surface/formats/morph.h"
 #include "common/surface/formats/write.h"
+#include "sdk/recorded_clip.h"
 #include "sender/clip_part.h"
+#include "sender/clip_recording.h"
 #include "sender/commands.h"
 #include "sender/console.h"
+#include "sender/cut.h"
 #include "sender/morph_targets.h"
+#include "sender/page_file.h"
 #include "sender/source.h"
 
 namespace eigencast {
@@ -18,6 +22,59 @@ namespace {
 
 bool is_morphed(const std::string& path) {
   return path.ends_with(".glb");
+}
+
+bool is_page(const std::string& path) {
+  return path.ends_with(".html");
+}
+
+/// A file that is removed at the end.
+struct Scratch {
+  ~Scratch() {
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);
+  }
+  std::string path;
+};
+
+/// What states curves, at that rate of theirs.
+Result<std::unique_ptr<MotionClip>> open_at_rate(const ExportCommand& command) {
+  SourceOptions options = command.source;
+  if (command.part.rate_hz > 0) options.sample_rate_hz = command.part.rate_hz;
+  return open_source(options);
+}
+
+/// Of a recording its own poses, as they are coded.
+Result<void> record(const ExportCommand& command, const std::string& to, const Console& console, Interrupt& interrupt) {
+  const ClipPart& part = command.part;
+  if (is_recording(command.source.input)) {
+    if (part.rate_hz > 0 || part.level < 1)
+      return fail(ErrorCode::kInvalidArgument,
+                  "poses of a recording stay as they are coded: leave --rate and --level out");
+    const auto cut = cut_recordings({command.source.input}, part.from_s, part.duration_s, to);
+    return cut ? Result<void>() : cut.error();
+  }
+  auto opened = open_at_rate(command);
+  if (!opened) return opened.error();
+  auto clip = part_of(*std::move(opened), part);
+  if (!clip) return clip.error();
+  const auto source = bake_with_progress(command.source, console, interrupt, {*std::move(clip)});
+  if (!source) return source.error();
+  ProgressLine line(console.progress, stops_at(interrupt));
+  const auto recorded = record_clip(*source->clip, source->baked, to, std::ref(line));
+  line.finish();
+  return recorded;
+}
+
+Result<void> write_recording(const ExportCommand& command, const Console& console, Interrupt& interrupt) {
+  if (!is_page(command.to)) return record(command, command.to, console, interrupt);
+  const Scratch scratch{command.to + ".ecrec"};
+  if (const auto recorded = record(command, scratch.path, console, interrupt); !recorded) return recorded;
+  ProgressLine line(console.progress, stops_at(interrupt));
+  const auto written =
+      write_page(scratch.path, command.to, [&](double fraction) { return line(fraction, "writing " + command.to); });
+  line.finish();
+  return written;
 }
 
 /// Frames of another clip between those of this one would be read as its own.
@@ -48,9 +105,16 @@ Result<void> write_targets(const MotionClip& clip, const ExportCommand& command,
 
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt) {
   if (const auto usable = check_folder(command); !usable) return report_failure(usable.error());
-  SourceOptions options = command.source;
-  if (command.part.rate_hz > 0) options.sample_rate_hz = command.part.rate_hz;
-  auto opened = open_source(options);
+  if (is_page(command.to) || is_recording(command.to)) {
+    if (const auto written = write_recording(command, console, interrupt); !written)
+      return report_failure(written.error());
+    std::error_code ignored;
+    const auto bytes = std::filesystem::file_size(command.to, ignored);
+    spdlog::info("{}: {} bytes", command.to, bytes);
+    const nlohmann::json report{{"input", command.source.input}, {"to", command.to}, {"bytes", bytes}};
+    return end_with_report(command.json, report.dump(2));
+  }
+  auto opened = open_at_rate(command);
   if (!opened) return report_failure(opened.error());
   const auto clip = part_of(*std::move(opened), command.part);
   if (!clip) return report_failure(clip.error());

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 //
 // build.mjs [OUT]: bundles into OUT (default: dist) what a broker serves: eigencast.js, view.js, element.js, publisher.js
-// and worker.js; the page: page.html, page.css and page.js; and internals.js for tests. Types are checked by tsc.
+// and worker.js; the page: page.html, page.css and page.js; show.html, a page in one file that plays
+// recordings; and internals.js for tests. Types are checked by tsc.
 // build.mjs --package OUT: the package for npm, into the folder with its wasm: the same but the page, its worker in one
 // file, so that bundlers may take it elsewhere, adapters, and parts.js and inline.js, which hold worker and wasm.
 //
 // {web} in page.html stands for the path from the page to the folder of these files, whose path holds /v1/web/: who
 // serves the page fills it in.
+import { createHash } from 'node:crypto';
 import { build } from 'esbuild';
 import { existsSync, readFileSync, readdirSync, rmSync, writeFileSync } from 'node:fs';
 import { basename, join } from 'node:path';
@@ -24,7 +26,8 @@ const inlined = {
   setup(plugin) {
     plugin.onResolve({ filter: /^inline:/ }, ({ path }) => ({ path: path.slice('inline:'.length), namespace: 'inline' }));
     plugin.onLoad({ filter: /\.wasm$/, namespace: 'inline' }, ({ path }) => ({ contents: readFileSync(join(outdir, path)), loader: 'base64' }));
-    plugin.onLoad({ filter: /^worker\.js$/, namespace: 'inline' }, async () => ({ contents: (await build({ ...options, entryPoints: worker, write: false })).outputFiles[0].text, loader: 'text' }));
+    for (const [filter, entryPoints, format = 'esm'] of [[/^worker\.js$/, worker], [/^player\.js$/, { player: here('src/recording/worker.ts') }, 'iife']])
+      plugin.onLoad({ filter, namespace: 'inline' }, async () => ({ contents: (await build({ ...options, format, entryPoints, write: false })).outputFiles[0].text, loader: 'text' }));
   },
 };
 const options = {
@@ -38,6 +41,16 @@ const options = {
   external: ['three', 'react'],
   plugins: [nativeShaders, inlined],
 };
+/** Page, worker and modules in one file, to which `eigencast-sender export` adds a recording: {recording}. It runs nothing else. */
+async function onePage() {
+  const made = async (path) => (await build({ ...options, entryPoints: [here(path)], write: false })).outputFiles[0].text.trim();
+  const script = (await made('src/recording/index.ts')).replaceAll('</script', '<\\/script').replaceAll('<!--', '<\\!--');
+  const style = (await made('src/page/page.css')) + (await made('src/recording/recording.css'));
+  const hash = (text) => `'sha256-${createHash('sha256').update(text).digest('base64')}'`;
+  const policy = `default-src 'none'; script-src ${hash(script)} 'wasm-unsafe-eval'; style-src ${hash(style)}; img-src data: blob:; worker-src blob:; connect-src 'self'; base-uri 'none'; form-action 'none'`;
+  const parts = { policy, style, script };
+  return readFileSync(here('src/recording/index.html'), 'utf8').replace(/\{(policy|style|script)\}/g, (_, name) => parts[name]);
+}
 for (const old of existsSync(outdir) ? readdirSync(outdir) : []) if (/^eigencast-\w{8}\.js$/.test(old)) rmSync(join(outdir, old));
 // What page and worker share is loaded once, and so is what the entries of the package share.
 const split = { ...options, splitting: true, chunkNames: 'eigencast-[hash]', metafile: true };
@@ -56,4 +69,5 @@ if (isPackage) {
   const chunks = [...files].filter((file) => file !== 'page.js').map((file) => `<link rel="modulepreload" href="{web}${file}">`);
   const page = readFileSync(here('src/page/index.html'), 'utf8').replace('<!-- {preload} -->', chunks.join('\n'));
   writeFileSync(join(outdir, 'page.html'), page.replace(/\n+/g, '\n'));
+  writeFileSync(join(outdir, 'show.html'), await onePage());
 }

@@ -8,7 +8,7 @@ const [folder, out] = process.argv.slice(2);
 const there = readdirSync(folder, { withFileTypes: true }).filter((entry) => entry.isFile()).map((entry) => entry.name).sort();
 
 // What these name, and what that names: earlier builds leave files behind.
-const names = ['page.html', 'element.js', 'eigencast.js', 'view.js', 'publisher.js'].filter((name) => there.includes(name));
+const names = ['page.html', 'show.html', 'element.js', 'eigencast.js', 'view.js', 'publisher.js'].filter((name) => there.includes(name));
 for (const name of names) {
   if (/\.wasm$/.test(name)) continue;
   const text = readFileSync(`${folder}/${name}`, 'utf8');

@@ -14,7 +14,7 @@
 namespace eigencast::recording {
 namespace {
 
-constexpr std::size_t kEntriesPerIndex = 16;
+constexpr std::size_t kEntriesPerIndex = 65'536;  // One block for all of most recordings: readers fetch it at once.
 
 }  // namespace
 

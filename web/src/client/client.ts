@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 import { SCHEMES } from '../core/frames.js';
 import { Core, EigencastError } from '../core/module.js';
+import type { Playing } from '../core/playout.js';
 import type { StreamInfo } from './control.js';
 import { defaults } from './defaults.js';
 import { surroundings, type Environment } from './environment.js';
@@ -67,6 +68,8 @@ export class Stream extends Events<StreamEvents> {
   image: Uint8Array | undefined;
   pose: Pose | undefined;
   error: EigencastError | undefined;
+  /** What plays its poses instead of those who show it. Not for users. */
+  playout?: Playing;
   readonly #post: (message: ToWorker, transfer?: Transferable[]) => void;
   readonly #closed: () => void;
   readonly #waiting = new Map<number, { resolve: (rebuilt: Rebuilt) => void; reject: (error: Error) => void }>();

@@ -137,7 +137,7 @@ function fieldsOf(value: unknown, path: string): Fields {
   throw new EigencastError('corrupt', `control message: ${path === '' ? 'it is not a JSON object' : `field '${path.slice(0, -1)}' must be an object`}`);
 }
 
-function formatOf(fields: Fields): Format {
+export function formatOf(fields: Fields): Format {
   const rows = fields.integer('rows', 1, 4096), channels = fields.integer('channels', 1, MAX_CHANNELS, 3);
   const ends = fields.array('band_ends', 1, 8).map((end) => (Number.isInteger(end) ? (end as number) : fields.wrong('band_ends', 'must hold integers')));
   if (ends.some((end, i) => end <= (ends[i - 1] ?? 0)) || ends.at(-1) !== rows) fields.wrong('band_ends', 'must ascend strictly up to rows');

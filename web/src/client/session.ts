@@ -2,14 +2,18 @@
 import { Core, EigencastError } from '../core/module.js';
 import { streamIdOf } from '../core/frames.js';
 import { Surface } from '../core/surface.js';
-import { BrokerConnection } from './connection.js';
+import { BrokerConnection, type Request } from './connection.js';
 import type { Environment } from './environment.js';
 import type { Rebuild, Rebuilt, ToPage, ToWorker } from './protocol.js';
-import { Subscription } from './subscription.js';
+import { Subscription, type Observer } from './subscription.js';
+import type { Limits } from './surface_source.js';
 import type { BrokerUrl } from './url.js';
 
+/** Where poses and their surface come from. */
+type Watching = Pick<Subscription, 'surfaces' | 'change' | 'pause' | 'end'>;
+
 interface Watched {
-  subscription: Subscription;
+  subscription: Watching;
   surface: Surface;
   /** Rows and asset that `surface` has taken. */
   taken: string;
@@ -55,10 +59,13 @@ export class Session {
     }
   }
 
+  protected open(request: Request & Limits, observer: Observer): Watching {
+    return new Subscription(this.#core, this.#environment, this.#broker, this.#connection, request, observer);
+  }
   #watch({ key, ...request }: ToWorker & { op: 'watch' }): void {
     const post = this.#post;
     try {
-      const subscription = new Subscription(this.#core, this.#environment, this.#broker, this.#connection, request, {
+      const subscription = this.open(request, {
         onStatus: (status) => post({ op: 'status', key, status }, []),
         onInfo: (info) => post({ op: 'info', key, info }, []),
         onSurface: (surface) => post({ op: 'surface', key, surface }, []),

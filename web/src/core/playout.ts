@@ -26,6 +26,9 @@ export interface ShownPose {
   settling: boolean;
 }
 
+/** What decides it. */
+export type Playing = Pick<Playout, 'add' | 'addNext' | 'at' | 'delayUs' | 'free' | 'reset' | 'set' | 'setBandEnds'>;
+
 /** Decides which pose is shown when: common/motion/playout.h. Times are microseconds. Call free() when done. */
 export class Playout {
   readonly #core: Core;

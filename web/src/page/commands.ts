@@ -96,9 +96,9 @@ export const COMMANDS: readonly Command[] = [
   { keys: ['H', 'F1', '?'], does: 'this help', icon: 'M9 9a3 3 0 1 1 4 3c-1 .5-1 1-1 2M12 17.5h.01', apply: (desk) => desk.help() },
 ];
 
-export function commandFor({ key, shiftKey, ctrlKey, altKey, metaKey }: KeyboardEvent): Command | undefined {
+export function commandFor({ key, shiftKey, ctrlKey, altKey, metaKey }: KeyboardEvent, commands = COMMANDS): Command | undefined {
   if (ctrlKey || altKey || metaKey) return undefined;
   const name = key.length === 1 ? key.toUpperCase() : key;
   const wanted = shiftKey && name === 'S' ? 'Shift+S' : name;
-  return COMMANDS.find(({ keys }) => keys.includes(wanted));
+  return commands.find(({ keys }) => keys.includes(wanted));
 }

@@ -12,6 +12,7 @@ import { StreamPage } from './stream_page.js';
 async function open(): Promise<void> {
   const place = placeOf(new URL(location.href), import.meta.url);
   hideToken(place);
+  if (place.query.has('file')) return location.replace(new URL(`show.html${location.search}`, import.meta.url));
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {
     if (place.stream === '') return;

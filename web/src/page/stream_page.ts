@@ -20,7 +20,8 @@ export class StreamPage implements Desk {
   isTurning = false;
   hasLegend = true;
   readonly #place: Place;
-  readonly #broker: Broker;
+  readonly #broker: Pick<Broker, 'retryNow'>;
+  readonly #commands: readonly Command[];
   readonly #stream: Stream;
   readonly #stage: Stage;
   #hud: Hud | undefined;
@@ -39,7 +40,8 @@ export class StreamPage implements Desk {
   #legend: HTMLElement | undefined;
   #legendSays = '';
 
-  constructor(place: Place, broker: Broker, stage: Stage, stream: Stream) {
+  constructor(place: Place, broker: Pick<Broker, 'retryNow'>, stage: Stage, stream: Stream, commands = COMMANDS) {
+    this.#commands = commands;
     this.#place = place;
     this.#broker = broker;
     this.#stage = stage;
@@ -47,7 +49,7 @@ export class StreamPage implements Desk {
     const canvas = part('canvas', { tabindex: '0', role: 'img' });
     this.#main = part('main', { class: place.isEmbedded ? 'viewer embed' : 'viewer' }, canvas, this.#head(), this.#banner, this.#note, this.#tools(), this.#help);
     document.body.replaceChildren(this.#main);
-    document.title = `${place.stream} - Eigencast`;
+    document.title = `${stream.name} - Eigencast`;
     this.view = new View(stage, canvas, stream);
     void import('../view/controls.js').then(({ Controls }) => (this.#controls = new Controls(this.view)));
     this.view.onImage = () => this.#showOwnColours('textured');
@@ -112,7 +114,7 @@ export class StreamPage implements Desk {
   help(): void {
     if (this.#help.open) return this.#help.close();
     void import('./help.js').then(({ helpOf }) => {
-      this.#help.replaceChildren(part('button', { class: 'button', 'aria-label': 'Close', onclick: () => this.#help.close() }, icon('M6 6l12 12M18 6L6 18')), ...helpOf(this, COMMANDS, part));
+      this.#help.replaceChildren(part('button', { class: 'button', 'aria-label': 'Close', onclick: () => this.#help.close() }, icon('M6 6l12 12M18 6L6 18')), ...helpOf(this, this.#commands, part));
       if (!this.#help.open) this.#help.showModal();
     });
   }
@@ -133,7 +135,7 @@ export class StreamPage implements Desk {
   }
   /** By the browser's download. */
   #keep(what: string, blob: Blob): void {
-    const url = URL.createObjectURL(blob), name = `${this.#place.stream.replaceAll('/', '_')}.${blob.type.split('/')[1]}`;
+    const url = URL.createObjectURL(blob), name = `${this.#stream.name.replaceAll('/', '_')}.${blob.type.split('/')[1]}`;
     part('a', { href: url, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(url), KEPT_MS);
     this.say(`${what}: ${name}`);
@@ -142,11 +144,11 @@ export class StreamPage implements Desk {
   #head(): HTMLElement {
     return part('header', { class: 'head' },
       part('a', { class: 'button', href: `${this.#place.base}/`, 'aria-label': 'All streams', title: 'All streams' }, icon('M14 5l-7 7 7 7')),
-      part('div', { class: 'name' }, part('h1', {}, this.#place.stream), this.#state));
+      part('div', { class: 'name' }, part('h1', {}, this.#stream.name), this.#state));
   }
   #tools(): HTMLElement {
     const tools = part('div', { class: 'tools', role: 'toolbar', 'aria-label': 'View' });
-    for (const command of COMMANDS) {
+    for (const command of this.#commands) {
       if (command.icon === undefined) continue;
       const title = `${command.does} (${command.keys[0] === ' ' ? 'Space' : command.keys[0]})`;
       const button = part('button', { class: 'button', type: 'button', title, 'aria-label': command.does, onclick: () => this.#apply(command) }, icon(command.icon));
@@ -166,7 +168,7 @@ export class StreamPage implements Desk {
   #onKey(event: KeyboardEvent): void {
     const at = event.target as Element;
     if (this.#help.open || at.matches('input, textarea') || (at.matches('button, a') && (event.key === 'Enter' || event.key === ' '))) return;
-    const command = commandFor(event);
+    const command = commandFor(event, this.#commands);
     if (command) this.#apply(command);
     else if (event.ctrlKey || event.altKey || event.metaKey || !this.#controls?.onKey(event)) return;
     event.preventDefault();
@@ -195,7 +197,7 @@ export class StreamPage implements Desk {
       this.#state.className = `state ${status.state}`;
     }
     this.#state.title = status.detail;
-    view.canvas.setAttribute('aria-label', `${this.#place.stream}, a moving surface: ${status.detail || status.state}`);
+    view.canvas.setAttribute('aria-label', `${this.#stream.name}, a moving surface: ${status.detail || status.state}`);
     if (this.#stream.surface) {
       if (this.#noted) this.#withNote((note) => note.hide());
     } else {

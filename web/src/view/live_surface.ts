@@ -3,7 +3,7 @@ import type { Stream } from '../client/client.js';
 import type { Rebuilt } from '../client/protocol.js';
 import type { Pose, Status, Surface } from '../client/subscription.js';
 import { EigencastError, type Core } from '../core/module.js';
-import { Playout, type PlayoutSettings, type Shown } from '../core/playout.js';
+import { Playout, type Playing, type PlayoutSettings, type Shown } from '../core/playout.js';
 import { nowUs } from './clock.js';
 import { dot, IDENTITY, type Mat4, type Vec3 } from './matrix.js';
 import type { NumberPainter } from './numbers.js';
@@ -25,7 +25,7 @@ export interface Drawn {
  */
 export class LiveSurface {
   readonly stream: Stream;
-  readonly #playout: Playout;
+  readonly #playout: Playing;
   readonly #changed: (drawn: Drawn | undefined) => void;
   readonly #listeners: (() => void)[];
   #settings: PlayoutSettings = { mode: 'interpolate' };
@@ -61,7 +61,7 @@ export class LiveSurface {
   constructor(stream: Stream, core: Core, changed: (drawn: Drawn | undefined) => void) {
     this.stream = stream;
     this.#changed = changed;
-    this.#playout = new Playout(core, this.#settings);
+    this.#playout = stream.playout ?? new Playout(core, this.#settings);
     this.#listeners = [
       stream.on('pose', (pose) => this.#onPose(pose)),
       stream.on('surface', (surface) => this.#onSurface(surface)),

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: MIT
+//
+// Recordings in Chromium and Firefox, of a real broker and a real sender (EIGENCAST_BIN): in one file, and by Range.
+import assert from 'node:assert/strict';
+import { createReadStream, readFileSync, readdirSync, writeFileSync } from 'node:fs';
+import { createServer } from 'node:http';
+import { spawnSync } from 'node:child_process';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import { pathToFileURL } from 'node:url';
+import { BIN, Programs } from '../system/programs.mjs';
+import { CHROMIUM, startChromium } from './chromium.mjs';
+import { FIREFOX, startFirefox } from './firefox.mjs';
+import { CLAY, PRINT } from './looks.mjs';
+
+if (!CHROMIUM) {
+  console.log('no Chromium: deploy/install-packages.sh full');
+  process.exit(77);
+}
+
+const PICTURES = process.env.EIGENCAST_PICTURES;
+const programs = new Programs(), page = join(programs.folder, 'show.html');
+let recording, chromium;
+before(async () => {
+  const broker = await programs.broker(0, '--recording-streams=**', '--recording-include-asset=true');
+  // Played twice: keys are predicted from what is remembered.
+  const sender = programs.sender(broker, 'lab/heart', 'heart', '--rank', '24', '--memory', 'on', '--frames', '240');
+  assert.equal(await sender.ended, 0);
+  await broker.stop();
+  const folder = readdirSync(programs.folder).filter((name) => /^data/.test(name))[0];
+  recording = join(programs.folder, folder, 'recordings', readdirSync(join(programs.folder, folder, 'recordings'))[0]);
+  const { status, stderr } = spawnSync(join(BIN, 'eigencast-sender'), ['export', recording, '--to', page, '--no-progress'], { encoding: 'utf8' });
+  assert.equal(status, 0, stderr);
+  chromium = await startChromium();
+});
+after(async () => {
+  await chromium?.stop();
+  programs.stop();
+});
+
+/** Plays, halts, is sought, and says nothing on its console. */
+async function check(browser, url, name) {
+  const tab = await browser.tab(), position = "Number(document.querySelector('.timeline input').value)";
+  try {
+    await tab.size(640, 400);
+    await tab.open(url);
+    await tab.until(`${CLAY} > 100 && ${position} > 0.3`, 150_000);
+    assert.equal(await tab.evaluate("document.querySelector('h1').textContent"), 'lab/heart');
+    await tab.evaluate("document.querySelector('.timeline button').click()");
+    await tab.until("document.querySelector('.timeline button').getAttribute('aria-label') === 'Play'");
+    const seek = (seconds) => tab.evaluate(`(() => { const bar = document.querySelector('.timeline input'); bar.value = ${seconds}; bar.dispatchEvent(new Event('input')); })()`);
+    await seek(1);
+    await tab.until(`${position} === 1`);
+    const one = await tab.until(PRINT);
+    await seek(4.2);
+    await tab.until(`${PRINT} !== ${one}`);
+    await tab.key('.');
+    await tab.until(`${position} > 4.2`);
+    if (PICTURES && tab.screenshot) writeFileSync(join(PICTURES, `recording-${name}.png`), await tab.screenshot());
+    assert.deepEqual(tab.console, []);
+  } finally {
+    await tab.close();
+  }
+}
+
+test('APageInOneFilePlaysFromTheDisk', async () => {
+  const html = readFileSync(page, 'utf8');
+  assert.ok(!/(src|href)="(?!data:)/.test(html.replace(/<script type="module">[^]*?<\/script>/, '')), 'it loads nothing');
+  await check(chromium, pathToFileURL(page).href, 'file');
+});
+
+test('APageInOneFilePlaysInFirefox', { skip: FIREFOX ? false : 'no Firefox, or no Xvfb: deploy/install-packages.sh full' }, async () => {
+  const firefox = await startFirefox();
+  try {
+    await check(firefox, pathToFileURL(page).href, 'firefox');
+  } finally {
+    await firefox.stop();
+  }
+});
+
+test('APlainServersRecordingPlaysByRange', async () => {
+  const size = readFileSync(recording).length, ranges = [];
+  const server = createServer((request, response) => {
+    const [, from, to] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? '') ?? [];
+    if (!request.url.endsWith('.ecrec')) return createReadStream(page).pipe(response.writeHead(200, { 'content-type': 'text/html' }));
+    const end = Math.min(Number(to), size - 1);
+    ranges.push(end);
+    createReadStream(recording, { start: Number(from), end }).pipe(response.writeHead(206, { 'content-range': `bytes ${from}-${end}/${size}` }));
+  });
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  try {
+    // Of two it plays the one that is asked for.
+    await check(chromium, `http://127.0.0.1:${server.address().port}/show.html?file=heart.ecrec`, 'range');
+    assert.ok(ranges.length > 0);
+  } finally {
+    server.close();
+    server.closeAllConnections();
+  }
+});
+
+test('ABrokersPageLeadsThere', async () => {
+  const broker = await programs.broker(), tab = await chromium.tab();
+  try {
+    await tab.open(`http://127.0.0.1:${broker.port}/?file=gone.ecrec`);
+    assert.match(await tab.until("/cannot be shown.*/.exec(document.body.innerText)?.[0]"), /gone\.ecrec/);
+    assert.match(await tab.evaluate('location.href'), /\/show\.html\?file=gone\.ecrec$/);
+  } finally {
+    await tab.close();
+    await broker.stop();
+  }
+});
