@@ -77,8 +77,8 @@ const std::vector<Vec3>* ClipTruth::frame(std::size_t number, std::size_t slot) 
   return &positions_[slot];
 }
 
-bool ClipTruth::errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,
-                       std::span<float> errors) {
+bool ClipTruth::errors(std::span<const double> C, std::uint32_t channels, std::optional<TimeUs>,
+                       std::span<const float> positions, std::span<float> errors) {
   if (C.size() / channels * 3 != frames_.front().size() || errors.size() > source_vertex_.size()) {
     why_ = "the truth belongs to another surface";
     return false;
@@ -106,10 +106,10 @@ namespace {
 
 class LateTruth final : public Truth {
  public:
-  bool errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,
-              std::span<float> errors) override {
+  bool errors(std::span<const double> C, std::uint32_t channels, std::optional<TimeUs> capture_us,
+              std::span<const float> positions, std::span<float> errors) override {
     const std::lock_guard lock(mutex_);
-    return made_ && made_->errors(C, channels, positions, errors);
+    return made_ && made_->errors(C, channels, capture_us, positions, errors);
   }
   std::string why() const override {
     const std::lock_guard lock(mutex_);

@@ -23,8 +23,8 @@ class ClipTruth final : public Truth {
   ClipTruth(std::shared_ptr<const MotionClip> clip, std::vector<std::vector<double>> frames,
             std::vector<std::uint32_t> source_vertex, const std::array<double, 3>& origin);
 
-  bool errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,
-              std::span<float> errors) override;
+  bool errors(std::span<const double> C, std::uint32_t channels, std::optional<TimeUs> capture_us,
+              std::span<const float> positions, std::span<float> errors) override;
   std::string why() const override { return why_; }
 
   /// Interpolates from frame `first` to the next (cyclic).

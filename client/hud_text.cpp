@@ -108,6 +108,9 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   lines.push_back(formatted("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " +
                   with_commas(f.vertices_total) + " vertices" +
                   (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
+  if (f.difference)
+    lines.push_back(formatted("difference rms %.3g %%, largest %.3g %% of the diagonal", 100 * f.difference->rms,
+                              100 * f.difference->largest));
   if (f.received) lines.push_back(f.mode);
   if (!f.shown.empty()) lines.push_back(f.shown);
   if (!f.resolver.empty()) lines.push_back(f.resolver);

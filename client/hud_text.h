@@ -25,6 +25,7 @@ struct HudFigures {
   std::string lowered;   ///< From text_from_lowered; empty if nothing is.
   std::string shown;     ///< From text_from_shown.
   std::string mode;      ///< From text_from_mode.
+  std::optional<Truth::Difference> difference;
 };
 
 inline constexpr EnumNames<Subscriber::State, 7> kStateNames{

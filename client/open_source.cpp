@@ -6,6 +6,7 @@
 
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
+#include "client/compared_source.h"
 #include "sdk/contexts.h"
 
 namespace eigencast {
@@ -71,6 +72,14 @@ Credentials credentials_for(const std::string& stream, std::span<const std::stri
 Result<std::unique_ptr<PoseSource>> open_source(const std::string& stream, const Credentials* credentials,
                                                 const ClientOptions& options, bool in_background,
                                                 const std::atomic<bool>& stop, const LogSink& log) {
+  if (!options.compare.empty()) {
+    ClientOptions alone = options;
+    alone.compare.clear();
+    auto other = open_source(options.compare, &options.compare_credentials, alone, in_background, stop, log);
+    if (!other) return other;
+    auto source = open_source(stream, credentials, alone, in_background, stop, log);
+    return source ? compared(std::move(*source), std::move(*other)) : std::move(source);
+  }
   const std::optional<std::string> input = clip_in(stream);
   if (!input) {
     auto source = subscribe(stream, credentials, options, log);

@@ -33,6 +33,7 @@ eigencast-client http://host:7490/heart --lod 0.3       # three tenths of the ve
 eigencast-client http://host:7490/heart --rate raw --playout interpolate
 eigencast-client https://host/heart --token @FILE       # a broker that wants a token
 eigencast-client list http://host:7490                  # the streams of a broker
+eigencast-client --compare http://host:7490/a http://host:7490/b  # how far apart two streams of one surface are
 eigencast-client view heart                             # a built-in shape: heart, bar, torus, sphere
 eigencast-client --headless --frames 90 --out pictures  # no display needed
 eigencast-client horse.obj --film horse.mp4             # every picture at its time; --turntable 12 goes round it
@@ -199,6 +200,14 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
     return read;
   }
   std::string home, broker;
+  if (!options.compare.empty()) {
+    SceneDescription other;
+    other.streams = {options.compare};
+    if (const auto read = read_words(other); !read) return read;
+    if (other.streams.size() != 1 || scene.streams.size() != 1)
+      return fail(ErrorCode::kInvalidArgument, "--compare A B: two streams, recordings or files of one surface");
+    options.compare = other.streams.front();
+  }
   if (scene.streams.size() == 1 && scene.streams.front().find("://") != std::string::npos) {
     // A broker without a stream.
     const auto url = parse_broker_url(scene.streams.front());
@@ -221,6 +230,11 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
     stream = target.url;
     options.credentials.push_back(target.credentials);
   }
+  if (options.compare.empty() || clip_in(options.compare)) return {};
+  const auto other = resolve(options.compare, raw, home);
+  if (!other) return other.error();
+  options.compare = other->url;
+  options.compare_credentials = other->credentials;
   return {};
 }
 
@@ -255,6 +269,8 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--resolver", "--target-fps", "--playout"}, film, "is for live pictures; a film takes the time that it takes"},
       {{"--record", "--record-shown"}, film, "is for live pictures"},
       {{"--truth"}, film, "is for live pictures; a file that is filmed is its own"},
+      {{"--compare"}, film, "is for live pictures"},
+      {{"--truth"}, !options.compare.empty(), "and --compare both say what colours compare with; give one of them"},
       {{"--wait"}, film && files_only, kOfBrokers},
       {{"--transparent"},
        film && options.film->target.kind != FilmTarget::Kind::kPictures,
@@ -366,6 +382,9 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
         {"--truth", &options.truth,
          "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
          "played here are their own"},
+        {"--compare", &options.compare,
+         "a second stream, recording or file of the same surface (asset): colours show how far apart both are, figures "
+         "how much"},
         {"--watch", &options.watch, "in the window: files that are played here are read again when they change"}}},
       {"Connection",
        {{"--context",
@@ -490,6 +509,7 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
        {"--edges", "--wireframe", "--points", "--transparent", "--colour-map", "--normals", "--crease"})
     options.style_given |= line.has(of_style);
   if (const Result<void> found = find_streams(raw, options); !found) return found;
+  if (!options.compare.empty() && !line.has("--colour")) options.style.colour = {Colouring::kError, 3};
   std::vector<std::string> asked = options.scene.streams;
   if (asked.empty()) asked = {kLocalBroker};  // for streams that the window opens
   for (const std::string& stream : asked) {
@@ -518,6 +538,8 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
     return wrong("--smooth and --delay both say how long poses are held back; give one of them");
   PlayoutSettings& playout = options.view_options.playout;
   playout.mode = kPlayoutNames.find(raw.playout).value_or(PlayoutMode::kLatest);
+  // So that poses of both have come.
+  if (!options.compare.empty() && !options.playout_given) playout.mode = PlayoutMode::kInterpolate;
   if (line.has("--smooth")) playout.smoothness = raw.smooth;
   playout.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
   playout.max_ahead_us = static_cast<TimeUs>(raw.ahead_ms * 1000);

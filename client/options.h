@@ -39,7 +39,9 @@ struct ClientOptions {
   double wait_s = 30;        ///< Headless: how long to wait before the first picture while nothing comes, or for a
                              ///< sender that is gone before the last of `frames`.
   std::string out, json, record, record_shown, screenshot;
-  bool watch = false;    ///< Changed files are read again.
+  bool watch = false;   ///< Changed files are read again.
+  std::string compare;  ///< A stream or clip:, whose difference the colours show; may be empty.
+  Credentials compare_credentials;
   std::string truth;     ///< The clip that the streams play; may be empty.
   std::string settings;  ///< File; empty: the window remembers nothing.
   // The command line overrides what the window remembers.

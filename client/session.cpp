@@ -286,6 +286,7 @@ HudFigures Session::figures() const {
   const SurfaceView& first = scene_.instances().front().view;
   const PoseSource& source = *sources()[scene_.instances().front().placement.source];
   f.bands = first.bands_received();
+  if (const Truth* truth = source.truth()) f.difference = truth->difference();
   if (const Asset* asset = source.asset()) {
     f.rank = asset->rank;
     f.bands_total = static_cast<std::uint32_t>(asset->band_ends.size());

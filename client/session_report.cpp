@@ -164,6 +164,8 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   for (std::size_t i = 0; i < view.times_shown().size(); ++i)
     report["playout"]["shown"][std::string(kShownNames[static_cast<Shown>(i)])] = view.times_shown()[i];
   if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
+  if (figures_now.difference)
+    report["difference"] = {{"rms", figures_now.difference->rms}, {"largest", figures_now.difference->largest}};
   report["reconnects"] = stats.reconnects;
   report["clock"] = {{"offset_us", json_from(stats.clock_offset_us)},
                      {"error_us", json_from(stats.clock_error_us)},

@@ -104,8 +104,10 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
     case Colouring::kError: {
       Truth* truth = source.truth();
       paint_.values.resize(N);
-      if (truth == nullptr) return refuse("no truth to compare with: --truth FILE names it");
-      if (!truth->errors(C, channels, view.positions(vectors_), paint_.values)) refuse(truth->why());
+      if (truth == nullptr) return refuse("nothing to compare with: --truth FILE or --compare STREAM names it");
+      if (!truth->errors(C, channels, view.shown_capture_us(), view.positions(vectors_), paint_.values))
+        refuse(truth->why());
+      more_comes_ = truth->difference().has_value();  // the other may move alone
       return;
     }
   }

@@ -17,11 +17,17 @@ namespace eigencast {
 class Truth {
  public:
   virtual ~Truth() = default;
-  /// In the asset's units, of the first vertices, from the pose C (r x channels) and the positions (N x 3) rebuilt from
-  /// it; false if they are unknown, see why().
-  virtual bool errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,
-                      std::span<float> errors) = 0;
+  /// In the asset's units, of the first vertices, from the pose C (r x channels) of that capture time and the positions
+  /// (N x 3) rebuilt from it; false if they are unknown, see why().
+  virtual bool errors(std::span<const double> C, std::uint32_t channels, std::optional<TimeUs> capture_us,
+                      std::span<const float> positions, std::span<float> errors) = 0;
   virtual std::string why() const = 0;
+  /// Over the diagonal of the rest box: of the whole surface (rms), of any of the vertices of errors().
+  struct Difference {
+    double rms = 0, largest = 0;
+  };
+  /// Of the last errors(), where another stream is the truth.
+  virtual std::optional<Difference> difference() const { return std::nullopt; }
 };
 
 /// A stream, a clip, a test. Use from one thread. asset(), epoch() and info() change only inside poll().

@@ -9,6 +9,7 @@
 #include "client/clip_player.h"
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
+#include "client/compared_source.h"
 #include "client/connections.h"
 #include "client/meters.h"
 #include "client/open_source.h"
@@ -294,9 +295,9 @@ TEST(ClipTruths, FindTheMomentAndMeasureTheDistance) {
       positions.push_back(static_cast<float>((*pose)[(*clip)->asset.source_vertex[i]][d] - (*clip)->asset.origin[d] +
                                              (d == 1 ? 0.125 : 0)));
   }
-  ASSERT_TRUE(truth->errors(frames[3], 3, positions, errors));
+  ASSERT_TRUE(truth->errors(frames[3], 3, {}, positions, errors));
   for (const float error : errors) EXPECT_NEAR(error, 0.125, 1e-5);
-  EXPECT_FALSE(truth->errors(std::vector<double>(9), 3, positions, errors));
+  EXPECT_FALSE(truth->errors(std::vector<double>(9), 3, {}, positions, errors));
   EXPECT_FALSE(truth->why().empty()) << "the truth of another surface";
 }
 
@@ -311,11 +312,91 @@ TEST(ClipTruths, StreamsGetTheirTruthInTheBackground) {
   };
   const auto right = with_truth(std::make_unique<ClipSource>(*clip), files);
   std::vector<float> errors(10), positions(30);
-  EXPECT_TRUE(until(*right, [&] { return right->truth()->errors((*clip)->frames[0], 3, positions, errors); }))
+  EXPECT_TRUE(until(*right, [&] { return right->truth()->errors((*clip)->frames[0], 3, {}, positions, errors); }))
       << right->truth()->why();
   const auto wrong = with_truth(std::make_unique<ClipSource>(*clip), "sphere");
   EXPECT_TRUE(until(*wrong, [&] { return wrong->truth()->why().find("10242") != std::string::npos; }))
       << "names the number of vertices: " << wrong->truth()->why();
+}
+
+/// Two sources of one sphere, and what compares the first with the second.
+struct TwoSpheres {
+  explicit TwoSpheres(const std::string& other = "one") {
+    auto a = std::make_unique<testing::FakeSource>(testing::sphere_asset(2));
+    auto b = std::make_unique<testing::FakeSource>(testing::sphere_asset(2));
+    first = a.get(), second = b.get();
+    for (auto* source : {first, second}) source->info_->epoch = 1;
+    first->info_->asset = "one", second->info_->asset = other;
+    both = compared(std::move(a), std::move(b));
+  }
+  /// Pose f is moved by f / 8.
+  static ReceivedPose pose(const Asset& asset, int f, TimeUs capture_us, TimeUs arrival_us) {
+    ReceivedPose made = testing::sphere_pose(asset, static_cast<std::uint64_t>(f), capture_us, 1, f / 8.0);
+    made.arrival_us = arrival_us;
+    return made;
+  }
+  /// Of the first eight poses: capture times of the second are those of `shift_us` later.
+  void give(int ahead, TimeUs shift_us, TimeUs later_us) {
+    for (int f = 0; f < 8; ++f) {
+      const TimeUs at_us = 1'000'000 + f * 32'000;
+      first->batches.push_back({pose(first->asset_, f, at_us, at_us + 1'000)});
+      second->batches.push_back({pose(second->asset_, f + ahead, at_us + shift_us, at_us + later_us)});
+    }
+    while (!first->batches.empty()) (void)both->poll(std::chrono::milliseconds(0));
+  }
+  bool measure(double shift, TimeUs capture_us) {
+    const ReceivedPose shown = testing::sphere_pose(first->asset_, 0, capture_us, 1, shift);
+    const std::span<const double> C(shown.coefficients.begin(), shown.coefficients.end());
+    return both->truth()->errors(C, 3, capture_us, positions, errors);
+  }
+
+  testing::FakeSource *first, *second;
+  std::unique_ptr<PoseSource> both;
+  std::vector<float> errors = std::vector<float>(162), positions = std::vector<float>(486);
+};
+
+TEST(Comparisons, AreOfOneCaptureTimeWhereClocksAreOne) {
+  TwoSpheres spheres;
+  EXPECT_FALSE(spheres.measure(0, 1'000'000)) << "nothing has come";
+  EXPECT_FALSE(spheres.both->truth()->why().empty());
+  spheres.give(1, 0, 9'000);  // the second is a pose ahead, and its poses take longer
+  ASSERT_TRUE(spheres.measure(2 / 8.0, 1'064'000)) << spheres.both->truth()->why();
+  for (const float error : spheres.errors) EXPECT_NEAR(error, 1 / 8.0, 1e-6);
+  const auto difference = spheres.both->truth()->difference();
+  ASSERT_TRUE(difference);
+  EXPECT_NEAR(difference->largest, 1 / 8.0 / spheres.first->asset_.diagonal(), 1e-6);
+  EXPECT_NEAR(difference->rms, 1 / 8.0 / std::sqrt(spheres.first->asset_.area) / spheres.first->asset_.diagonal(),
+              1e-9);
+  ASSERT_TRUE(spheres.measure(2.5 / 8, 1'080'000)) << "between two poses";
+  for (const float error : spheres.errors) EXPECT_NEAR(error, 1 / 8.0, 1e-6);
+}
+
+TEST(Comparisons, AreOfOneArrivalWhereClocksDiffer) {
+  TwoSpheres spheres;
+  spheres.give(0, 777'000'000, 1'000);
+  ASSERT_TRUE(spheres.measure(3 / 8.0, 1'096'000));
+  EXPECT_EQ(*std::max_element(spheres.errors.begin(), spheres.errors.end()), 0);
+  EXPECT_EQ(spheres.both->truth()->difference()->rms, 0);
+}
+
+TEST(Comparisons, OfOtherSurfacesSayWhy) {
+  TwoSpheres spheres("another");
+  spheres.give(0, 0, 1'000);
+  EXPECT_FALSE(spheres.measure(0, 1'000'000));
+  EXPECT_FALSE(spheres.both->truth()->why().empty());
+  EXPECT_FALSE(spheres.both->truth()->difference());
+}
+
+TEST(Comparisons, OfFilesFollowTheTimelineOfTheFirst) {
+  const testing::TemporaryFolder folder;
+  const auto clip = BakedClip::open(growing_sphere(folder), "").value();
+  const auto both = compared(std::make_unique<ClipSource>(clip, 0.05), std::make_unique<ClipSource>(clip));
+  std::vector<float> errors(10), positions(30);
+  both->timeline()->set_paused(true, steady_now_us());
+  both->timeline()->seek(clip->times_us[3], steady_now_us());
+  for (int i = 0; i < 3; ++i) (void)both->poll(std::chrono::milliseconds(0));
+  ASSERT_TRUE(both->truth()->errors(clip->frames[3], 3, steady_now_us(), positions, errors)) << both->truth()->why();
+  EXPECT_LT(*std::max_element(errors.begin(), errors.end()), 1e-6);
 }
 
 TEST(ClipSources, UncachedBakeIsReported) {

@@ -163,7 +163,8 @@ TEST(Paint, SurfaceWithoutColoursIsClay) {
 
 class FarOff final : public Truth {
  public:
-  bool errors(std::span<const double>, std::uint32_t, std::span<const float>, std::span<float> errors) override {
+  bool errors(std::span<const double>, std::uint32_t, std::optional<TimeUs>, std::span<const float>,
+              std::span<float> errors) override {
     std::fill(errors.begin(), errors.end(), 0.125F);
     errors[0] = 100;
     return ready;
