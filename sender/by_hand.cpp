@@ -4,6 +4,7 @@
 
 #include "sender/live.h"
 #include "sender/studio/studio.h"
+#include "sender/studio/thumbnail.h"
 
 namespace eigencast {
 namespace {
@@ -13,6 +14,10 @@ nlohmann::json json_from(const Histogram& us) {
 }
 
 }  // namespace
+
+Result<void> write_thumbnail(const Asset& asset, std::span<const double> C, const std::string& path) {
+  return studio::write_thumbnail(asset, C, path);
+}
 
 Result<void> find_display() {
   return studio::find_display();

@@ -41,7 +41,7 @@ Result<void> record_clip(const MotionClip& clip, const BakeResult& baked, const 
   const Asset& asset = baked.asset;
   const auto projector = Projector::create(asset);
   if (!projector) return projector.error();
-  const auto coefficients = ClipCoefficients::create(clip, **projector, [&](double fraction, std::string_view stage) {
+  const auto coefficients = ClipCoefficients::create(clip, *projector, [&](double fraction, std::string_view stage) {
     return !progress || progress(fraction / 2, stage);
   });
   if (!coefficients) return coefficients.error();

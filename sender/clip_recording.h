@@ -13,8 +13,8 @@ namespace eigencast {
 /// a second. Reads the clip twice; memory does not grow with it.
 ///   to        a new file
 ///   progress  fraction in [0, 1]; returns false to stop
-/// Errors: those of the clip, naming the frame, of the codec and recording::Writer (kRefused: `to` is there); kCancelled,
-/// kIo.
+/// Errors: those of the clip, naming the frame, of the codec and recording::Writer (kRefused: `to` is there);
+/// kCancelled, kIo.
 Result<void> record_clip(const MotionClip& clip, const BakeResult& baked, const std::string& to,
                          const BakeProgress& progress);
 

@@ -316,6 +316,8 @@ void add_commands(CLI::App& app, Settings& s) {
   CLI::App* info = app.add_subcommand("info", "What a recording holds");
   runs(*info, s, s.info, kInfoExamples);
   info->add_option("file", s.info.file, "recording (.ecrec)")->required();
+  info->add_option("--thumbnail", s.info.thumbnail, "draw the pose in its middle into this PNG")
+      ->check(output_path(check_output_file));
   info->add_option("--json", s.info.json, "as JSON, there; - for standard output")
       ->check(output_path(check_output_file));
 

@@ -105,6 +105,7 @@ struct EvaluateCommand {
 
 struct InfoCommand {
   std::string file;
+  std::string thumbnail;  ///< PNG of the pose in the middle; may be empty.
   std::string json;
 };
 

@@ -43,6 +43,10 @@ class StatusLog {
   TimeUs shown_us_;
 };
 
+/// Draws a pose (r x 3) as viewers do, into a PNG. Errors: kUnsupported (this build, or this machine, draws nothing),
+/// kIo. REQUIRES: asset.complete().
+Result<void> write_thumbnail(const Asset& asset, std::span<const double> C, const std::string& path);
+
 /// Errors: kUnsupported (no display, or a build without windows).
 Result<void> find_display();
 

@@ -3,6 +3,7 @@
 #include <ctime>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <variant>
 
@@ -12,6 +13,7 @@
 #include "sdk/recorded_stream.h"
 #include "sender/commands.h"
 #include "sender/cut.h"
+#include "sender/live.h"
 
 namespace eigencast {
 namespace {
@@ -25,6 +27,43 @@ std::string utc(std::uint64_t unix_us) {
   return text;
 }
 
+/// From the recording, or the cache.
+Result<WholeAsset> surface_of(RecordedStream& stream, const control::Announce& announce) {
+  const AssetCache cache(default_cache_dir());
+  return assemble_asset(*Sha256::from_hex(announce.asset), [&](const Sha256& id) -> Result<Bytes> {
+    auto held = stream.object(id);
+    if (held || held.error().code != ErrorCode::kNotFound) return held;
+    if (auto cached = cache.load(id)) return *std::move(cached);
+    return held;
+  });
+}
+
+/// The first pose in the second half.
+Result<void> draw(const std::string& file, const std::string& to) {
+  auto stream = RecordedStream::open(file);
+  if (!stream) return stream.error();
+  const TimeUs middle_us = stream->info().duration_us / 2;
+  if (const auto sought = stream->seek(middle_us); !sought) return sought;
+  std::optional<control::Announce> announce;
+  for (;;) {
+    const auto event = stream->next();
+    if (!event) return event.error();
+    if (!*event) return fail(ErrorCode::kCorrupt, file + ": the recording has no poses there");
+    if (const auto* said = std::get_if<control::Announce>(&(**event).what)) announce = *said;
+    const auto* pose = std::get_if<RecordedPose>(&(**event).what);
+    if (pose == nullptr || (**event).time_us < middle_us || !announce) continue;
+    const auto whole = surface_of(*stream, *announce);
+    if (!whole) return in_context(file, whole.error());
+    const std::vector<double> all = stream->coefficients(pose->key);
+    const std::size_t channels = stream->layout().channels;
+    std::vector<double> C;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (i % channels < 3) C.push_back(all[i]);
+    }
+    return write_thumbnail(whole->asset, C, to);
+  }
+}
+
 /// Of a surface, as far as it is here.
 nlohmann::json facts_of(RecordedStream& stream, const control::Announce& announce) {
   nlohmann::json facts{{"asset", announce.asset},
@@ -34,13 +73,7 @@ nlohmann::json facts_of(RecordedStream& stream, const control::Announce& announc
                        {"scalars", nlohmann::json::array()}};
   for (const ScalarChannel& scalar : announce.format.scalars)
     facts["scalars"].push_back({{"name", scalar.name}, {"unit", scalar.unit}});
-  const AssetCache cache(default_cache_dir());
-  const auto whole = assemble_asset(*Sha256::from_hex(announce.asset), [&](const Sha256& id) -> Result<Bytes> {
-    auto held = stream.object(id);
-    if (held || held.error().code != ErrorCode::kNotFound) return held;
-    if (auto cached = cache.load(id)) return *std::move(cached);
-    return held;
-  });
+  const auto whole = surface_of(stream, announce);
   facts["is_held"] = static_cast<bool>(stream.object(*Sha256::from_hex(announce.asset)));
   if (!whole) return facts;
   facts["name"] = whole->asset.name;
@@ -113,6 +146,9 @@ void print(const nlohmann::json& facts) {
 int run(const InfoCommand& command, const Console&, Interrupt&) {
   const auto facts = facts_of(command.file);
   if (!facts) return report_failure(facts.error());
+  if (!command.thumbnail.empty()) {
+    if (const auto drawn = draw(command.file, command.thumbnail); !drawn) return report_failure(drawn.error());
+  }
   if (command.json.empty()) print(*facts);
   return end_with_report(command.json, facts->dump(2));
 }

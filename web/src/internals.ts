@@ -24,6 +24,7 @@ export { RecordedSession } from './recording/session.js';
 export { Player } from './recording/player.js';
 export { textFromUs } from './recording/bar.js';
 export { tileWidth } from './page/list_page.js';
+export { History, otherTime, positionsOf } from './page/compare.js';
 export { linkOf, pageOf, placeOf } from './page/place.js';
 export { bannerOf } from './page/words.js';
 export { figureLines, textFromMode } from './page/figures.js';

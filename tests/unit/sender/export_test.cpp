@@ -9,6 +9,7 @@
 #include "common/codec/chain.h"
 #include "common/core/files.h"
 #include "common/reconstruction/reconstruct.h"
+#include "common/recording/reader.h"
 #include "common/recording/writer.h"
 #include "common/surface/formats/clip.h"
 #include "common/surface/formats/write.h"
@@ -16,10 +17,13 @@
 #include "common/surface/vector.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "sdk/publisher.h"
 #include "sdk/recorded_clip.h"
 #include "sender/clip_part.h"
+#include "sender/clip_recording.h"
 #include "sender/cut.h"
 #include "sender/morph_targets.h"
+#include "sender/page_file.h"
 #include "sender/source.h"
 #include "tests/support/process.h"
 
@@ -274,6 +278,72 @@ TEST_F(RecordedBalls, AreCutAndJoinedWithoutCodingAnew) {
   EXPECT_EQ(cut_recordings({a}, 9, 0, folder_.file("none.ecrec")).error().code, ErrorCode::kInvalidArgument);
   EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec")));
   EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec.part")));
+}
+
+/// As a mail or a page has it.
+Bytes from_base64(std::string_view text) {
+  const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  Bytes bytes;
+  std::uint32_t bits = 0;
+  int held = 0;
+  for (const char digit : text) {
+    if (digit == '=') break;
+    bits = bits << 6 | static_cast<std::uint32_t>(digits.find(digit));
+    if ((held += 6) < 8) continue;
+    held -= 8;
+    bytes.push_back(static_cast<std::uint8_t>(bits >> held));
+  }
+  return bytes;
+}
+
+TEST_F(RecordedBalls, AreInsidePages) {
+  const std::string path = record("a.ecrec", 5), to = folder_.file("show.html");
+  if (player_page().empty()) {
+    EXPECT_EQ(write_page(path, to, {}).error().code, ErrorCode::kUnsupported);
+    GTEST_SKIP() << "built without the page: npm ci in web/";
+  }
+  const std::string file = read_file(path, 1 << 24).value();
+  ASSERT_TRUE(write_page(path, to, {}));
+  const std::string html = read_file(to, 1 << 24).value(), before = "id=\"recording\">";
+  const std::size_t begin = html.find(before) + before.size(), end = html.find('<', begin);
+  ASSERT_LT(begin, end);
+  const Bytes inside = from_base64(std::string_view(html).substr(begin, end - begin));
+  EXPECT_EQ(std::string(inside.begin(), inside.end()), file);
+  EXPECT_EQ(html.size(), player_page().size() - std::string("{recording}").size() + end - begin);
+
+  EXPECT_EQ(write_page(path, folder_.file("no.html"), [](double) { return false; }).error().code,
+            ErrorCode::kCancelled);
+  EXPECT_FALSE(std::filesystem::exists(folder_.file("no.html")));
+  EXPECT_FALSE(std::filesystem::exists(folder_.file("no.html.part")));
+  EXPECT_EQ(write_page(folder_.file("none.ecrec"), to, {}).error().code, ErrorCode::kNotFound);
+}
+
+TEST(ClipRecordings, HoldTheClipAsItsSenderWouldSendIt) {
+  const testing::TemporaryFolder folder;
+  const auto clip = part_of(builtin_clip("heart").value(), {0, 0, 0, 0.05}).value();
+  BakeOptions options;
+  options.rank = 24;
+  const BakeResult baked = bake(clip->rest(), options, "").value();
+  const std::string to = folder.file("heart.ecrec");
+  ASSERT_TRUE(record_clip(*clip, baked, to, {}));
+  EXPECT_EQ(record_clip(*clip, baked, to, {}).error().code, ErrorCode::kRefused);
+  const auto read = read_recording(to, "");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->info.asset, baked.encoded.manifest.id.hex());
+  EXPECT_EQ(read->info.key_rate_hz, clip->frame_rate_hz());
+  ASSERT_EQ(read->frames.size(), clip->frame_count());
+  const auto projector = Projector::create(baked.asset).value();
+  const double allowed = 1.5 * kDefaultErrorOverDiagonal * baked.asset.diagonal();
+  for (std::size_t f = 0; f < read->frames.size(); ++f) {
+    const auto pose = clip->pose(f).value();
+    const auto C = projector.coefficients_from_positions(std::span(pose.data()->data(), 3 * pose.size())).value();
+    EXPECT_LT(surface_distance(C, read->frames[f], baked.asset.area), allowed) << f;
+    EXPECT_NEAR(static_cast<double>(read->times_us[f]), 1e6 * static_cast<double>(f) / clip->frame_rate_hz(), 1) << f;
+  }
+  EXPECT_EQ(recording::Reader::open(to)->index().size(), 1 + (clip->frame_count() - 1) / 30);
+  EXPECT_EQ(
+      record_clip(*clip, baked, folder.file("b.ecrec"), [](double, std::string_view) { return false; }).error().code,
+      ErrorCode::kCancelled);
 }
 
 TEST_F(RecordedBalls, AreTheSendersSurface) {

@@ -13,12 +13,14 @@ async function open(): Promise<void> {
   const place = placeOf(new URL(location.href), import.meta.url);
   hideToken(place);
   if (place.query.has('file')) return location.replace(new URL(`show.html${location.search}`, import.meta.url));
+  // Of the page, not of the stream.
+  const compared = place.query.get('compare'), profile = profileIn(new URLSearchParams([...place.query].filter(([name]) => name !== 'compare')));
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {
     if (place.stream === '') return;
     // The broker names the surface in the page where anybody may see it.
     const expects = document.querySelector<HTMLLinkElement>('link[rel=prefetch]')?.href.slice(-64);
-    stream = broker.watch(checkedName(place.stream), { profile: profileIn(place.query), ...(expects === undefined ? {} : { expects }) });
+    stream = broker.watch(checkedName(place.stream), { profile, ...(expects === undefined ? {} : { expects }) });
   };
   const connecting = connect(place.base, { token: place.token, meanwhile: watch }), staging = Stage.make(connecting.then(({ module }) => module));
   staging.catch(() => {});  // Said where it is awaited.
@@ -27,7 +29,8 @@ async function open(): Promise<void> {
     const [{ ListPage }, stage] = await Promise.all([import('./list_page.js'), staging.catch(() => undefined)]);
     return new ListPage(place, broker, stage, { View, part, command, pageOf }).run();
   }
-  new StreamPage(place, broker, await staging, stream);
+  const { view } = new StreamPage(place, broker, await staging, stream);
+  if (compared !== null) document.querySelector('main')!.append((await import('./compare.js')).compare(view, broker, compared, profile, part));
 }
 
 open().catch(async (error: unknown) => {

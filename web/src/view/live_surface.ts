@@ -54,6 +54,9 @@ export class LiveSurface {
   bands = 0;
   posesShown = 0;
   isPaused = false;
+  /** Of a stream that this one is compared with: rank x 3, at the time that is shown; and who hears of the squares. */
+  other: (() => Float64Array | undefined) | undefined;
+  compared: ((squares: number) => void) | undefined;
   /** Date.now() of the last pose that came. */
   newestMs: number | undefined;
 
@@ -211,7 +214,7 @@ export class LiveSurface {
     try {
       const rebuilt = await this.stream.rebuild({
         coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured,
-        numbers: painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info }),
+        numbers: painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info, live: this }),
         ...(spare ? { room: { positions: spare.positions.buffer as ArrayBuffer, normals: spare.normals?.buffer as ArrayBuffer } } : {}),
       });
       if (this.#isClosed) return;

@@ -2,6 +2,7 @@
 import { kCividis, kCoolwarm, kGrey, kTurbo, kViridis } from '../../../view/style.cpp';
 import type { StreamInfo } from '../client/control.js';
 import type { AssetFacts } from '../core/asset.js';
+import type { LiveSurface } from './live_surface.js';
 import type { Colouring, ColourMap, Style } from './style.js';
 
 // Numbers as colours: view/paint.h. Loaded where a style asks for them.
@@ -24,6 +25,7 @@ export interface NumberedPose {
   rest: Float64Array;
   timeUs: bigint | undefined;
   info: StreamInfo | undefined;
+  live?: Pick<LiveSurface, 'other' | 'compared'>;
 }
 
 const COLOURS: Record<ColourMap, readonly number[]> = { viridis: kViridis, cividis: kCividis, coolwarm: kCoolwarm, turbo: kTurbo, grey: kGrey };
@@ -67,6 +69,12 @@ export class NumberPainter {
   of(pose: NumberedPose): { coefficients: Float64Array; isLength: boolean } | undefined {
     this.#info = pose.info;
     if (this.#colour === 'movement') return { coefficients: columnsOf(pose, 0, 3).map((value, i) => value - pose.rest[i]!), isLength: true };
+    if (this.#colour === 'difference') {
+      const other = pose.live?.other?.(), difference = columnsOf(pose, 0, 3).map((value, i) => value - other?.[i]!);
+      if (!other || other.length !== difference.length) return undefined;
+      pose.live!.compared?.(difference.reduce((sum, value) => sum + value * value, 0));
+      return { coefficients: difference, isLength: true };
+    }
     if (this.#colour === 'speed') return { coefficients: this.#speed(pose), isLength: true };
     const known = pose.info?.format?.scalars ?? [], which = this.#colour.slice('channel:'.length);
     const k = /^\d+$/.test(which) ? Number(which) - 3 : known.findIndex(({ name }) => name === which);
@@ -90,7 +98,7 @@ export class NumberPainter {
     const scalar = this.#scalar, isScalar = this.#colour.startsWith('channel:'), inMetres = metresPerUnit > 0, [low, high] = this.span(style);
     const scale = inMetres && !isScalar ? metresPerUnit : 1, length = inMetres ? 'm' : 'units';
     return {
-      title: this.#colour === 'movement' ? 'movement from rest' : isScalar ? (scalar?.name ?? this.#colour.replace(':', ' ')) : 'speed',
+      title: this.#colour === 'movement' ? 'movement from rest' : this.#colour === 'difference' ? 'difference' : isScalar ? (scalar?.name ?? this.#colour.replace(':', ' ')) : 'speed',
       unit: isScalar ? (scalar?.unit ?? '') : this.#colour === 'speed' ? `${length}/s` : length,
       low: scale * low, high: scale * high, colours: COLOURS[style.colourMap].map((colour) => `#${colour.toString(16).padStart(6, '0')}`),
     };

@@ -2,10 +2,10 @@
 
 /**
  * What colours say, in the native client's words: the form alone; the surface's own colours, or its image; x, y and z of normals as
- * red, green and blue; and numbers: how far from the rest pose, how fast, or a scalar of the stream, channel:NAME or, of a
+ * red, green and blue; and numbers: how far from the rest pose, how fast, how far from another stream, or a scalar of the stream, channel:NAME or, of a
  * stream without names, channel:K with K from 3.
  */
-export type Colouring = 'clay' | 'own' | 'textured' | 'normals' | 'movement' | 'speed' | `channel:${string}`;
+export type Colouring = 'clay' | 'own' | 'textured' | 'normals' | 'movement' | 'speed' | 'difference' | `channel:${string}`;
 export const COLOUR_MAPS = ['viridis', 'cividis', 'coolwarm', 'turbo', 'grey'] as const;
 export type ColourMap = (typeof COLOUR_MAPS)[number];
 
@@ -14,7 +14,7 @@ export function colouringIn(text: string | null): Colouring | undefined {
   return /^(clay|own|textured|normals|movement|speed|channel:[\w.-]+)$/.test(text ?? '') ? (text as Colouring) : undefined;
 }
 export function isOfNumbers(colour: Colouring): boolean {
-  return /^(movement|speed|channel:)/.test(colour);
+  return /^(movement|speed|difference|channel:)/.test(colour);
 }
 
 /** How a picture is drawn; the native client's words. */

@@ -105,7 +105,7 @@ export class View {
     const count = Math.max(0, channels - 3 - velocity_channels);
     return [
       'clay', ...(surface?.colours ? ['own' as const] : []), ...(this.#image ? ['textured' as const] : []), ...(isCloud ? [] : ['normals' as const]), 'movement',
-      'speed', ...Array.from({ length: count }, (_, i): Colouring => `channel:${scalars[i]?.name ?? 3 + i}`),
+      'speed', ...(this.live.other ? ['difference' as const] : []), ...Array.from({ length: count }, (_, i): Colouring => `channel:${scalars[i]?.name ?? 3 + i}`),
     ];
   }
   /** Of the colours, where they say numbers. */

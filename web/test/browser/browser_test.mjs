@@ -73,6 +73,19 @@ test('AStreamIsShownFromBeforeItBeginsUntilItsSenderHasGone', async () => {
   });
 });
 
+test('TwoStreamsOfOneSurfaceAreCompared', async () => {
+  const senders = [['compare/a'], ['compare/b', '--speed', '0.5']].map(([name, ...more]) => programs.sender(broker, name, 'heart', '--rank', '24', ...more));
+  await onPage(`${site.url}/compare/a?rate=raw&compare=compare/b`, async (tab) => {
+    const said = await tab.until("/rms ([0-9.]+) %, largest ([0-9.]+) %/.exec(document.querySelector('.compared').textContent)", 150_000);
+    await tab.until("Number(/rms ([0-9.]+) %/.exec(document.querySelector('.compared').textContent)?.[1]) > 0.1");
+    assert.ok(Number(said[2]) >= Number(said[1]), said[0]);
+    assert.match(await tab.until("document.querySelector('.legend')?.innerText"), /difference/);
+    if (PICTURES) writeFileSync(join(PICTURES, 'compared.png'), await tab.screenshot());
+  });
+  await onPage(`${site.url}/compare/a?compare=still`, (tab) => tab.until("/shows another surface/.test(document.querySelector('.compared').textContent)", 150_000));
+  for (const sender of senders) await sender.stop('SIGKILL');
+});
+
 /** By the native viewer: the picture, and the capture time of what it shows. */
 async function nativePicture(name, words) {
   const out = join(programs.folder, 'native'), record = join(programs.folder, 'shown.jsonl');

@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, figureLines, linkOf, NumberPainter, pageOf, pick, placeOf, roundUp, tableOf, textFromMode, tileWidth } = internals;
+const { bannerOf, Camera, figureLines, History, linkOf, NumberPainter, otherTime, pageOf, pick, placeOf, positionsOf, roundUp, tableOf, textFromMode, tileWidth } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -180,4 +180,28 @@ test('WordsAreThoseOfTheNativeClient', () => {
   });
   assert.equal(lines[0], '30 keys/s · 90 poses/s · 60 drawn/s');
   assert.equal(lines[2], 'LOD 0.10 · 4,096 of 42,321 vertices, 8,190 faces');
+});
+
+test('StreamsOfOneClockAreComparedByCaptureTimes', () => {
+  const pose = (f, clockUs, wayUs, epoch = 1) => ({ epoch, captureUs: BigInt(clockUs + 32_000 * f), arrivalUs: clockUs + 32_000 * f + wayUs, channels: 4, coefficients: Float64Array.of(f, 0, 0, 9, 0, f, 0, 9) });
+  const [first, second, elsewhere] = [new History(), new History(), new History()];
+  assert.equal(second.at(0), undefined);
+  for (let f = 0; f < 8; ++f) first.add(pose(f, 1e6, 1000)), second.add(pose(f, 1e6, 9000)), elsewhere.add(pose(f, 777e6, 1000 - 776e6));
+  assert.deepEqual([...positionsOf(pose(3, 0, 0))], [3, 0, 0, 0, 3, 0]);
+  assert.equal(otherTime(1_064_000, first, second), 1_064_000);
+  assert.equal(otherTime(1_064_000, first, elsewhere), 777_064_000);
+  near([...second.at(1_080_000)], [2.5, 0, 0, 0, 2.5, 0]);
+  near([...elsewhere.at(otherTime(1_064_000, first, elsewhere))], [2, 0, 0, 0, 2, 0]);
+  near([second.at(0)[0], second.at(9e9)[0]], [0, 7]);
+  second.add(pose(0, 5e6, 1000, 2));
+  near([second.at(0)[0], second.at(9e9)[0]], [0, 0], 0);
+});
+
+test('ADifferenceIsThatOfCoefficients', () => {
+  const painter = new NumberPainter('difference'), pose = { coefficients: Float64Array.of(1, 2, 3, 9, 4, 5, 6, 9), channels: 4, rest: new Float64Array(6), timeUs: 0n, info: undefined };
+  let squares;
+  const live = { other: () => Float64Array.of(1, 2, 2, 4, 3, 6), compared: (sum) => (squares = sum) };
+  assert.deepEqual(painter.of({ ...pose, live }), { coefficients: Float64Array.of(0, 0, 1, 0, 2, 0), isLength: true });
+  assert.equal(squares, 5);
+  assert.equal(painter.of({ ...pose, live: { other: () => undefined, compared: undefined } }), undefined);
 });
