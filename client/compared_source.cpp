@@ -30,7 +30,7 @@ std::vector<double> positions_of(std::span<const double> C, std::uint32_t channe
 }
 
 /// The last poses of a source, by capture time.
-class History {
+class PastPoses {
  public:
   void add(const std::vector<ReceivedPose>& poses) {
     for (const ReceivedPose& pose : poses) {
@@ -144,7 +144,7 @@ class Compared final : public PoseSource, private Truth {
   }
 
   const std::unique_ptr<PoseSource> source_, other_;
-  History mine_, its_;
+  PastPoses mine_, its_;
   Reconstructor reconstructor_;
   std::uint32_t followed_ = 0;
   std::array<std::vector<float>, 2> positions_;

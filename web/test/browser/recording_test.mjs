@@ -54,8 +54,9 @@ async function check(browser, url, name) {
     const one = await tab.until(PRINT);
     await seek(4.2);
     await tab.until(`${PRINT} !== ${one}`);
-    await tab.key('.');
-    await tab.until(`${position} > 4.2`);
+    // The first may be a hair's breadth away.
+    for (let i = 0; i < 2; ++i) await tab.key('.');
+    await tab.until(`${position} > 4.2 && ${position} < 4.3`);
     if (PICTURES && tab.screenshot) writeFileSync(join(PICTURES, `recording-${name}.png`), await tab.screenshot());
     assert.deepEqual(tab.console, []);
   } finally {
@@ -82,14 +83,14 @@ test('APlainServersRecordingPlaysByRange', async () => {
   const size = readFileSync(recording).length, ranges = [];
   const server = createServer((request, response) => {
     const [, from, to] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? '') ?? [];
-    if (!request.url.endsWith('.ecrec')) return createReadStream(page).pipe(response.writeHead(200, { 'content-type': 'text/html' }));
+    if (!/^[^?]*\.ecrec$/.test(request.url)) return createReadStream(page).pipe(response.writeHead(200, { 'content-type': 'text/html' }));
     const end = Math.min(Number(to), size - 1);
     ranges.push(end);
     createReadStream(recording, { start: Number(from), end }).pipe(response.writeHead(206, { 'content-range': `bytes ${from}-${end}/${size}` }));
   });
   await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
   try {
-    // Of two it plays the one that is asked for.
+    // The page has one inside, too.
     await check(chromium, `http://127.0.0.1:${server.address().port}/show.html?file=heart.ecrec`, 'range');
     assert.ok(ranges.length > 0);
   } finally {
