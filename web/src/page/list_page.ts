@@ -59,7 +59,7 @@ export class ListPage {
       part('p', {}, 'No streams yet. One appears here as soon as somebody publishes it, for example by'),
       kit.command(`eigencast-sender play heart --to ${place.base.replace(/^http/, 'ws')}/demo`));
     const wanted = part('input', { name: 'url', required: true, placeholder: 'Name or URL of a stream', 'aria-label': 'Name or URL of a stream', autocapitalize: 'off', spellcheck: 'false' });
-    const open = part('form', {}, wanted, part('button', { class: 'button', type: 'submit' }, 'Open'), this.#wall, part('a', { class: 'button', href: new URL('show.html', import.meta.url).href }, 'Recording'));
+    const open = part('form', {}, wanted, part('button', { class: 'button', type: 'submit' }, 'Open'), this.#wall, part('a', { class: 'button', href: new URL('show.html', import.meta.url).href }, 'Play a recording'));
     open.addEventListener('submit', (event) => {
       event.preventDefault();
       this.#open(wanted.value);

@@ -67,8 +67,9 @@ export async function sourceOf(what: Blob | string): Promise<Source> {
 export class RecordingReader {
   readonly #source: Source;
   readonly #blocks = new Map<number, Promise<Uint8Array>>();
-  #objects: Map<string, number> | undefined;
-  #areAllFound = false;
+  readonly #objects = new Map<string, number>();
+  /** Where objects are to be looked for, one after the other: from, end. */
+  #regions: [number, number][] | undefined;
   #first = HEADER_BYTES;
   /** Up to the end of the last whole record. */
   #end: number;
@@ -112,32 +113,24 @@ export class RecordingReader {
   }
   /** An object of a surface or memory; nothing: the recording does not hold it. */
   async object(id: string): Promise<Uint8Array | undefined> {
-    this.#objects ??= await this.#likelyObjects();
-    if (!this.#objects.has(id) && !this.#areAllFound) {
-      this.#areAllFound = true;
-      await this.#findObjects(this.#first, this.#end, this.#objects);
-    }
+    this.#regions ??= [...this.#likelyRegions(), [this.#first, this.#end]];
+    while (!this.#objects.has(id) && this.#regions.length > 0) await this.#findObjects(...this.#regions.shift()!);
     const offset = this.#objects.get(id), record = offset === undefined ? undefined : await this.at(offset);
     return record?.body.subarray(32);
   }
 
   /** They are written before and behind announcements: between the last checkpoint before one and the first behind it. */
-  async #likelyObjects(): Promise<Map<string, number>> {
-    const found = new Map<string, number>();
-    let before: Entry | undefined;
-    for (const entry of this.entries) {
-      if (entry.announce !== before?.announce) await this.#findObjects(before?.checkpoint ?? this.#first, entry.checkpoint, found);
-      before = entry;
-    }
-    return found;
+  #likelyRegions(): [number, number][] {
+    const isFirst = ({ announce }: Entry, i: number): boolean => announce !== this.entries[i - 1]?.announce;
+    return this.entries.flatMap((entry, i) => (isFirst(entry, i) ? [[this.entries[i - 1]?.checkpoint ?? this.#first, entry.checkpoint] as [number, number]] : []));
   }
-  async #findObjects(from: number, end: number, found: Map<string, number>): Promise<void> {
+  async #findObjects(from: number, end: number): Promise<void> {
     for (let offset = from; offset < end;) {
       const head = await this.#head(offset);
       if (!head) return;
       if (head.type === 'object') {
         const id = await this.#bytes(offset + HEAD_BYTES, offset + HEAD_BYTES + 32);
-        found.set(Array.from(id, (byte) => byte.toString(16).padStart(2, '0')).join(''), offset);
+        this.#objects.set(Array.from(id, (byte) => byte.toString(16).padStart(2, '0')).join(''), offset);
       }
       offset = head.end;
     }
