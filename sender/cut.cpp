@@ -8,11 +8,13 @@
 #include <set>
 #include <string_view>
 #include <utility>
+#include <variant>
 
 #include "common/core/bytes.h"
-#include "common/core/hash/sha256.h"
 #include "common/recording/reader.h"
 #include "common/recording/writer.h"
+#include "common/wire/control.h"
+#include "sdk/asset_folder.h"
 
 namespace eigencast {
 namespace {
@@ -30,7 +32,8 @@ std::string_view text_of(const Bytes& bytes) {
 /// Writes ranges of recordings after one another. Times of the result run on.
 class Cutter {
  public:
-  explicit Cutter(recording::Writer writer) : writer_(std::move(writer)) {}
+  Cutter(recording::Writer writer, const std::function<Result<Bytes>(const Sha256&)>& missing)
+      : writer_(std::move(writer)), missing_(missing) {}
 
   Result<void> copy_objects(recording::Reader& reader) {
     const auto offsets = reader.object_offsets();
@@ -70,7 +73,10 @@ class Cutter {
           break;
         case Type::kCheckpoint:
           if (!first_us) first_us = time_us;
-          if (announce) written = writer_.announce(at_us(), text_of(announce->body), memory);
+          if (announce) {
+            add_missing(text_of(announce->body));
+            written = writer_.announce(at_us(), text_of(announce->body), memory);
+          }
           announce.reset();
           if (written) written = writer_.checkpoint(at_us(), body);
           break;
@@ -98,7 +104,23 @@ class Cutter {
   }
 
  private:
+  /// As far as it is there: who reads the result sees what it holds.
+  void add_missing(std::string_view text) {
+    const auto message = control_from_text(text);
+    const auto* announce = message ? std::get_if<control::Announce>(&*message) : nullptr;
+    const auto id = announce != nullptr ? Sha256::from_hex(announce->asset) : std::nullopt;
+    if (!missing_ || !id || copied_.contains(*id)) return;
+    const auto whole = assemble_asset(*id, missing_);
+    if (!whole) return;
+    for (const AssetObject& chunk : whole->encoded.chunks) add(chunk);
+    add(whole->encoded.manifest);
+  }
+  void add(const AssetObject& object) {
+    if (copied_.insert(object.id).second) (void)writer_.object(writer_.duration_us(), object.id.digest, object.bytes);
+  }
+
   recording::Writer writer_;
+  const std::function<Result<Bytes>(const Sha256&)>& missing_;
   std::set<Sha256> copied_;
   TimeUs begun_us_ = 0;  ///< Where the next recording begins.
 };
@@ -106,7 +128,7 @@ class Cutter {
 }  // namespace
 
 Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double from_s, double duration_s,
-                                const std::string& to) {
+                                const std::string& to, const std::function<Result<Bytes>(const Sha256&)>& missing) {
   std::error_code ignored;
   if (fs::exists(to, ignored)) return fail(ErrorCode::kRefused, to + ": is there already; name another file");
   std::vector<recording::Reader> readers;
@@ -120,7 +142,7 @@ Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double fr
   const auto made = [&]() -> Result<CutFacts> {
     auto writer = recording::Writer::create(part, readers.front().info().start);
     if (!writer) return writer.error();
-    Cutter cutter(*std::move(writer));
+    Cutter cutter(*std::move(writer), missing);
     for (std::size_t i = 0; i < readers.size(); ++i) {
       if (const auto copied = cutter.copy_objects(readers[i]); !copied) return in_context(files[i], copied.error());
     }

@@ -6,6 +6,7 @@
 
 #include "common/surface/formats/morph.h"
 #include "common/surface/formats/write.h"
+#include "sdk/asset_cache.h"
 #include "sdk/recorded_clip.h"
 #include "sender/clip_part.h"
 #include "sender/clip_recording.h"
@@ -51,7 +52,13 @@ Result<void> record(const ExportCommand& command, const std::string& to, const C
     if (part.rate_hz > 0 || part.level < 1)
       return fail(ErrorCode::kInvalidArgument,
                   "poses of a recording stay as they are coded: leave --rate and --level out");
-    const auto cut = cut_recordings({command.source.input}, part.from_s, part.duration_s, to);
+    const AssetCache cache(default_cache_dir());
+    const auto cut = cut_recordings({command.source.input}, part.from_s, part.duration_s, to,
+                                    [&](const Sha256& id) -> Result<Bytes> {
+                                      auto cached = cache.load(id);
+                                      if (cached) return *std::move(cached);
+                                      return fail(ErrorCode::kNotFound, "not in the cache");
+                                    });
     return cut ? Result<void>() : cut.error();
   }
   auto opened = open_at_rate(command);

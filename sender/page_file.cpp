@@ -39,7 +39,8 @@ Result<void> check_surfaces(const std::string& recording) {
     const auto* announce = std::get_if<control::Announce>(&(**event).what);
     if (announce != nullptr && !stream->object(*Sha256::from_hex(announce->asset)))
       return fail(ErrorCode::kNotFound,
-                  "the recording does not hold its surface: record with recording.include_asset = true");
+                  "the recording does not hold its surface, and the cache has not seen it: watch the stream once, or "
+                  "record with recording.include_asset = true");
   }
 }
 

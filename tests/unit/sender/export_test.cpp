@@ -209,13 +209,15 @@ TEST(Usd, HoldsEveryPoint) {
 /// Recordings of a ball, 25 poses a second, each a checkpoint; pose f is moved by f tenths of the second column.
 class RecordedBalls : public ::testing::Test {
  protected:
-  std::string record(const std::string& name, std::uint64_t poses) {
+  std::string record(const std::string& name, std::uint64_t poses, bool holds_surface = true) {
     std::string path = folder_.file(name);
     const Asset& asset = baked_.asset;
     auto writer = recording::Writer::create(path, {"lab/ball", "test", 0}).value();
     const auto add = [&](const AssetObject& object) { EXPECT_TRUE(writer.object(0, object.id.digest, object.bytes)); };
-    add(baked_.encoded.manifest);
-    for (const AssetObject& chunk : baked_.encoded.chunks) add(chunk);
+    if (holds_surface) add(baked_.encoded.manifest);
+    for (const AssetObject& chunk : baked_.encoded.chunks) {
+      if (holds_surface) add(chunk);
+    }
     control::Announce announce;
     announce.asset = baked_.encoded.manifest.id.hex();
     announce.format = {layout_.rows, 3, layout_.band_ends, "float64"};
@@ -278,6 +280,24 @@ TEST_F(RecordedBalls, AreCutAndJoinedWithoutCodingAnew) {
   EXPECT_EQ(cut_recordings({a}, 9, 0, folder_.file("none.ecrec")).error().code, ErrorCode::kInvalidArgument);
   EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec")));
   EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec.part")));
+}
+
+TEST_F(RecordedBalls, GetTheSurfaceThatTheyLack) {
+  const std::string bare = record("bare.ecrec", 5, false), to = folder_.file("to.ecrec");
+  const auto given = [&](const Sha256& id) -> Result<Bytes> {
+    if (id == baked_.encoded.manifest.id) return baked_.encoded.manifest.bytes;
+    for (const AssetObject& chunk : baked_.encoded.chunks) {
+      if (chunk.id == id) return chunk.bytes;
+    }
+    return fail(ErrorCode::kNotFound, "another");
+  };
+  ASSERT_TRUE(cut_recordings({bare}, 0, 0, to, given));
+  EXPECT_EQ(poses_of(to, baked_).size(), 5u);
+  ASSERT_TRUE(cut_recordings({bare}, 0, 0, folder_.file("still.ecrec")));
+  EXPECT_EQ(read_recording(folder_.file("still.ecrec"), "").error().code, ErrorCode::kNotFound);
+  if (!player_page().empty()) {
+    EXPECT_EQ(write_page(folder_.file("still.ecrec"), folder_.file("x.html"), {}).error().code, ErrorCode::kNotFound);
+  }
 }
 
 /// As a mail or a page has it.
