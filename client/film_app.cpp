@@ -7,16 +7,14 @@
 #include "client/apps.h"
 #include "client/clip_source.h"
 #include "client/film_writer.h"
+#include "client/offscreen_viewer.h"
 #include "client/patience.h"
 #include "client/scene_file.h"
-#include "client/session.h"
 #include "client/stream_capture.h"
 #include "common/command_line/progress.h"
 #include "common/core/clock.h"
 #include "common/core/files.h"
 #include "common/core/text.h"
-#include "view/overlay.h"
-#include "view/renderer.h"
 
 namespace eigencast {
 namespace {
@@ -42,8 +40,7 @@ class Film {
     if (good) good = begin();
     if (good) good = draw_all();
     if (good) good = writer_->finish();
-    if (good && !options_.json.empty())
-      good = write_file_atomically(options_.json, session_->report(*renderer_, options_.width, options_.height));
+    if (good && !options_.json.empty()) good = write_file_atomically(options_.json, viewer_->report());
     if (!good) return good.error();
     log(log_, LogLevel::kInfo,
         film.target.path +
@@ -146,53 +143,36 @@ class Film {
     const auto clock = FilmClock::create(seconds, options_.film->fps);
     if (!clock) return clock.error();
     clock_ = *clock;
-    auto good = store(context_, OffscreenContext::create());
-    if (good) good = store(renderer_, Renderer::create());
+    for (const auto& source : opened_) sources_.push_back(source.get());
     // "auto" measures, and two films would not be the same to the bit.
     const bool on_gpu = options_.reconstruct == RebuildOn::kGpu;
-    if (good) good = store(rebuilder_, choose_rebuilder(on_gpu ? RebuildOn::kGpu : RebuildOn::kCpu, *renderer_, true));
-    for (const auto& source : opened_) sources_.push_back(source.get());
-    if (good) good = store(session_, Session::create(options_, sources_, log_));
-    if (!good) return good;
-    session_->rebuild_with(rebuilder_);
-    if (options_.hud)
-      overlay_ = std::make_unique<Overlay>(nullptr, text_scale(1, 1, static_cast<float>(options_.ui_scale)));
-    camera_.set_viewport(options_.width, options_.height);
-    camera_.set_view(options_.view);
-    return {};
+    return store(viewer_, OffscreenViewer::open(options_, on_gpu ? RebuildOn::kGpu : RebuildOn::kCpu, sources_, log_));
   }
 
   /// Ends with what is there when the program is to stop.
   Result<void> draw_all() {
     ProgressLine line = progress();
+    Session& session = viewer_->session();
+    Camera& camera = viewer_->camera();
     const auto total = static_cast<double>(clock_->pictures());
     for (; drawn_ < clock_->pictures() && line(static_cast<double>(drawn_) / total, "drawing"); ++drawn_) {
       film_us_ = clock_->time_us(drawn_);
-      session_->update({}, camera_, film_us_);
+      session.update({}, camera, film_us_);
       if (path_)
-        path_->apply(static_cast<double>(film_us_) / 1e6, camera_);
+        path_->apply(static_cast<double>(film_us_) / 1e6, camera);
       else if (options_.turntable_s > 0 && drawn_ > 0)
-        camera_.turn(static_cast<float>(kFullTurn / (options_.turntable_s * clock_->fps())));
-      if (const auto written = writer_->add(picture()); !written) return written;
-      session_->count_written();
+        camera.turn(static_cast<float>(kFullTurn / (options_.turntable_s * clock_->fps())));
+      OverlayContent legend;  // other figures are of this machine's time
+      legend.legend = session.overlay_content().legend;
+      viewer_->draw(legend);
+      if (const auto written = writer_->add(viewer_->picture()); !written) return written;
+      session.count_written();
     }
     if (drawn_ == 0) return cancelled();
-    if (const std::string why = session_->colours().why_not(); !why.empty())
+    if (const std::string why = session.colours().why_not(); !why.empty())
       log(log_, LogLevel::kWarning, "colours are not as asked for: " + why);
     if (drawn_ < clock_->pictures()) log(log_, LogLevel::kWarning, "stopped: the film ends early");
     return {};
-  }
-
-  Picture picture() {
-    const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-    session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target);
-    if (overlay_) {
-      OverlayContent legend;  // other figures are of this machine's time
-      legend.legend = session_->overlay_content().legend;
-      overlay_->draw(legend, options_.width, options_.height, target);
-    }
-    session_->finish_picture(true);
-    return Renderer::read_back(options_.width, options_.height, target, options_.style.transparent);
   }
 
   const ClientOptions& options_;
@@ -207,14 +187,8 @@ class Film {
   TimeUs captured_us_ = 0;
   bool lost_ = false;
   std::optional<FilmClock> clock_;
-  // The context goes last: the members below need it current when destroyed.
-  std::unique_ptr<OffscreenContext> context_;
-  std::unique_ptr<Renderer> renderer_;
-  RebuilderChoice rebuilder_;
-  std::unique_ptr<Overlay> overlay_;
   std::vector<PoseSource*> sources_;
-  std::unique_ptr<Session> session_;
-  Camera camera_;
+  std::unique_ptr<OffscreenViewer> viewer_;
   std::uint64_t drawn_ = 0;
 };
 

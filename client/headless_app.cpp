@@ -1,19 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <filesystem>
-#include <limits>
 #include <utility>
 
 #include "client/apps.h"
+#include "client/offscreen_viewer.h"
 #include "client/patience.h"
 #include "client/scene_file.h"
-#include "client/session.h"
 #include "client/stream_capture.h"
 #include "common/core/clock.h"
 #include "common/core/files.h"
 #include "common/core/text.h"
-#include "view/overlay.h"
-#include "view/renderer.h"
 
 namespace eigencast {
 namespace {
@@ -23,19 +20,9 @@ class Headless {
   Headless(const ClientOptions& options, const LogSink& log) : options_(options), log_(log) {}
 
   Result<void> open(std::span<PoseSource* const> sources) {
-    auto good = store(context_, OffscreenContext::create());
-    if (good) good = store(renderer_, Renderer::create());
-    if (good) good = store(rebuilder_, choose_rebuilder(options_.reconstruct, *renderer_, true));
-    if (good) good = store(session_, Session::create(options_, sources, log_));
-    if (!good) return good;
-    session_->rebuild_with(rebuilder_);
-    if (options_.hud)
-      overlay_ = std::make_unique<Overlay>(nullptr, text_scale(1, 1, static_cast<float>(options_.ui_scale)));
-    camera_.set_viewport(options_.width, options_.height);
-    camera_.set_view(options_.view);
-    if (const auto read = store(path_, CameraPath::read(options_.camera_path)); !read) return read;
-    warm_up();
-    if (options_.out.empty()) return {};
+    auto good = store(path_, CameraPath::read(options_.camera_path));
+    if (good) good = store(viewer_, OffscreenViewer::open(options_, options_.reconstruct, sources, log_));
+    if (!good || options_.out.empty()) return good;
     std::error_code error;
     std::filesystem::create_directories(options_.out, error);
     if (error) return fail(ErrorCode::kIo, options_.out + ": cannot make the folder: " + error.message());
@@ -51,15 +38,15 @@ class Headless {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
       if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
       if (options_.frames > 0 && taken_ >= options_.frames) break;
-      if (taken_ == 0 && patience_.is_over(session_->sources(), session_->scene().poses_shown() > 0, steady_now_us()))
+      if (taken_ == 0 && patience_.is_over(session().sources(), session().scene().poses_shown() > 0, steady_now_us()))
         return report_no_stream();
       if (flight_is_over() || (gone = senders_are_gone())) break;
-      session_->update(std::chrono::milliseconds(flying() ? 0 : 20), camera_);
-      const auto& all = session_->sources();
+      session().update(std::chrono::milliseconds(flying() ? 0 : 20), viewer_->camera());
+      const auto& all = session().sources();
       const auto whole = [](const PoseSource* source) { return has_whole_surface(*source); };
       if (taken_ == 0 && waits_for_all() && !std::all_of(all.begin(), all.end(), whole)) continue;
-      if (session_->scene().poses_shown() == shown_ && !flying()) continue;
-      shown_ = session_->scene().poses_shown();
+      if (session().scene().poses_shown() == shown_ && !flying()) continue;
+      shown_ = session().scene().poses_shown();
       if (const Result<void> taken = take_picture(); !taken) return taken.error();
     }
     if (const Result<void> written = write_results(); !written) return written.error();
@@ -72,6 +59,7 @@ class Headless {
   }
 
  private:
+  Session& session() const { return viewer_->session(); }
   /// A number of pictures is meant of the whole surfaces.
   bool waits_for_all() const { return !options_.first && options_.frames > 0; }
 
@@ -84,57 +72,35 @@ class Headless {
       const Subscriber::State state = source->stats().state;
       return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
     };
-    return std::none_of(session_->sources().begin(), session_->sources().end(), sends);
+    return std::none_of(session().sources().begin(), session().sources().end(), sends);
   }
 
   bool flying() const { return path_ && flight_began_us_; }
   double flown_s() const { return flying() ? static_cast<double>(steady_now_us() - *flight_began_us_) / 1e6 : 0; }
   bool flight_is_over() const { return flying() && flown_s() > path_->seconds(); }
 
-  /// Drivers compile shaders at first use; poses that come meanwhile would be lost.
-  void warm_up() {
-    SurfaceGeometry triangle;
-    triangle.positions = {0, 0, 0, 1, 0, 0, 0, 1, 0};
-    triangle.normals = {0, 0, 1, 0, 0, 1, 0, 0, 1};
-    triangle.triangles = {0, 1, 2};
-    triangle.pose_version = triangle.topology_version = std::numeric_limits<std::uint64_t>::max();
-    renderer_->upload(0, triangle);
-    renderer_->draw(camera_, {}, options_.width, options_.height,
-                    renderer_->offscreen_target(options_.width, options_.height));
-    Renderer::finish();
-    renderer_->upload(0, SurfaceGeometry{});
-  }
-
   Result<void> take_picture() {
-    if (path_) path_->apply(flown_s(), camera_);
+    if (path_) path_->apply(flown_s(), viewer_->camera());
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
-    const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-    session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target);
-    if (overlay_) overlay_->draw(session_->overlay_content(), options_.width, options_.height, target);
-    session_->finish_picture(true);
+    viewer_->draw(session().overlay_content());
     ++taken_;
     taken_us_ = steady_now_us();
     if (options_.out.empty()) return {};
     const std::string name = formatted("frame_%04llu.png", static_cast<unsigned long long>(taken_));
-    const Result<void> written = save((std::filesystem::path(options_.out) / name).string(), target);
-    if (written) session_->count_written();
+    const Result<void> written = write_png((std::filesystem::path(options_.out) / name).string(), viewer_->picture());
+    if (written) session().count_written();
     return written;
-  }
-
-  Result<void> save(const std::string& path, unsigned target) const {
-    return write_png(path, Renderer::read_back(options_.width, options_.height, target, options_.style.transparent));
   }
 
   Result<void> write_results() {
     if (!options_.screenshot.empty() && taken_ > 0) {
-      const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-      if (const Result<void> written = save(options_.screenshot, target); !written) return written;
+      if (const Result<void> written = write_png(options_.screenshot, viewer_->picture()); !written) return written;
     }
     std::string path = options_.json;
     if (path.empty() && !options_.out.empty()) path = (std::filesystem::path(options_.out) / "report.json").string();
-    const std::string report = session_->report(*renderer_, options_.width, options_.height);
-    const HudFigures f = session_->figures();
-    if (const std::string why = session_->colours().why_not(); !why.empty())
+    const std::string report = viewer_->report();
+    const HudFigures f = session().figures();
+    if (const std::string why = session().colours().why_not(); !why.empty())
       log(log_, LogLevel::kWarning, "colours are not as asked for: " + why);
     log(log_, LogLevel::kInfo,
         std::to_string(taken_) + " pictures drawn, at last " + std::to_string(f.vertices) + " of " +
@@ -143,7 +109,7 @@ class Headless {
   }
 
   int report_no_stream() {
-    const Session::Status status = session_->status();
+    const Session::Status status = session().status();
     log(log_, LogLevel::kError,
         patience_.fate_of(options_.scene.streams.empty() ? "the source" : options_.scene.streams.front(),
                           status.line + (status.banner.empty() ? "" : ": " + status.banner)));
@@ -152,13 +118,7 @@ class Headless {
 
   const ClientOptions& options_;
   const LogSink& log_;
-  // The context goes last: the members below need it current when destroyed.
-  std::unique_ptr<OffscreenContext> context_;
-  std::unique_ptr<Renderer> renderer_;
-  RebuilderChoice rebuilder_;
-  std::unique_ptr<Overlay> overlay_;
-  std::unique_ptr<Session> session_;
-  Camera camera_;
+  std::unique_ptr<OffscreenViewer> viewer_;
   std::optional<CameraPath> path_;
   std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;

@@ -67,7 +67,7 @@ std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces) {
 }
 
 std::string text_from_levels(const LevelControl& levels, double work_s) {
-  const double f0 = levels.settings().target_fps;
+  const double f0 = levels.target_fps();
   const std::string line = std::string(kResolverNames[levels.kind()]) +
                            formatted(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
   if (levels.kind() == ResolverKind::kPaper) return line + formatted(" \xC2\xB7 kappa %.2f", levels.state());
@@ -90,7 +90,7 @@ std::string text_from_lowered(const LevelControl& levels, const HudFigures& figu
   if (parts.empty()) return {};
   std::string text = levels.settings().quality == QualityMode::kLow
                          ? std::string("low quality as asked: ")
-                         : formatted("lowered to hold %.4g/s: ", levels.settings().target_fps);
+                         : formatted("lowered to hold %.4g/s: ", levels.target_fps());
   for (const std::string& part : parts) text += (&part == &parts.front() ? "" : ", ") + part;
   return text;
 }

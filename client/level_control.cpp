@@ -95,8 +95,8 @@ void LevelControl::make_resolver(const Camera& camera) {
     settings.deadline = settings_.deadline;
     const auto knobs = usual_knobs();
     if (settings_.quality == QualityMode::kAuto)
-      return void(
-          control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfTheVertices * knobs[kScale].error}));
+      return void(control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfTheVertices * knobs[kScale].error,
+                                                            true, settings_.least_fps}));
     resolver_ = std::make_unique<BudgetResolver>(settings);
   } else {
     PaperResolver::Settings settings;

@@ -29,6 +29,7 @@ struct LevelSettings {
   QualityMode quality = QualityMode::kFull;
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
+  double least_fps = 0;  ///< See QualityControl::Settings::least_f0.
   /// In times of 1 / target_fps: 1 for a display, where a late picture waits for the next refresh; 1.25 without one.
   double deadline = 1;
   double floor = 0.02;  ///< Smallest part of its vertices that a surface keeps.
@@ -59,6 +60,7 @@ class LevelControl {
   ResolverKind kind() const { return settings_.kind; }
   const LevelSettings& settings() const { return settings_; }
   double state() const { return control_ ? control_->state() : resolver_ ? resolver_->state() : 0; }
+  double target_fps() const { return control_ ? control_->f0() : settings_.target_fps; }
   bool active() const { return settings_.kind != ResolverKind::kNone; }
   /// Something is missing from the next picture.
   bool lowered() const { return active() && !still_ && lowered_; }

@@ -32,6 +32,13 @@ double RateMeter::per_second() const {
   return static_cast<double>(samples_.back().second - samples_.front().second) * 1e6 / static_cast<double>(span);
 }
 
+bool Stillness::look(bool changed, TimeUs now_us) {
+  const TimeUs spent = now_us - since_us_;
+  if (changed) since_us_ = now_us, spacing_us_ = spent < kApart ? spent : 0;
+  const TimeUs late = std::min(spacing_us_ * 8 / 5, std::max(spacing_us_ * 5 / 4, kSoon));
+  return now_us - since_us_ >= std::max(kStill, late);
+}
+
 bool History::add(const HistorySample& sample, TimeUs now_us) {
   if (now_us < next_us_) return false;
   // After a pause the next one is due from now: missed samples are not caught up.

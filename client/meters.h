@@ -41,6 +41,20 @@ class WorkClock final {
   TimeUs spent_us_ = 0;
 };
 
+/// Tells when a picture stands still, so that there is time for a better one. Motion whose pictures come slowly does not
+/// stand still between them: there the next one has to be late. Time comes in as an argument. Not thread-safe.
+class Stillness final {
+ public:
+  static constexpr TimeUs kStill = 60'000, kSoon = 95'000;  ///< At least; at most after 13 pictures a second and more.
+  static constexpr TimeUs kApart = 500'000;                 ///< Changes further apart are no motion.
+
+  /// changed: since the last call. True while it stands still.
+  bool look(bool changed, TimeUs now_us);
+
+ private:
+  TimeUs since_us_ = 0, spacing_us_ = 0;
+};
+
 struct HistorySample {
   double lod = 0;         ///< Drawn part of all vertices.
   double drawn_hz = 0;    ///< Pictures a second.

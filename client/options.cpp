@@ -75,8 +75,7 @@ std::string read_style(const RawOptions& raw, Style& style) {
   if (!colour_from_text(raw.colour, style.colour))
     return "--colour " + raw.colour +
            ": give auto, clay, own, textured, normals, movement, speed, error, or channel:NAME or channel:K with K "
-           "from 3, "
-           "the first beyond x, y, z";
+           "from 3, the first beyond x, y, z";
   const auto map = kColourMapNames.find(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
   style.colour_map = *map;
@@ -147,9 +146,12 @@ Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::st
   return target;
 }
 
-/// The word's path must be there: its ending says that no stream is meant.
+/// A word that can only be a path, by its beginning or its ending, must be there.
 Result<void> check_stream_word(const std::string& word) {
-  if (word.find("://") != std::string::npos || (!kind_of_file(word) && !is_recording(word))) return {};
+  if (word.find("://") != std::string::npos) return {};
+  if (word.starts_with('/') || word.starts_with('.') || word.starts_with('~'))
+    return fail(ErrorCode::kNotFound, word + ": no such file or folder");
+  if (!kind_of_file(word) && !is_recording(word)) return {};
   return fail(ErrorCode::kNotFound,
               word + ": no such file (a stream that ends so is given by its URL, http://HOST:7490/NAME)");
 }
@@ -238,15 +240,15 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   return {};
 }
 
+std::size_t files_in(const std::vector<std::string>& streams) {
+  const auto is_file = [](const std::string& stream) { return clip_in(stream).has_value(); };
+  return static_cast<std::size_t>(std::count_if(streams.begin(), streams.end(), is_file));
+}
+
 /// An option that would do nothing where it stands.
 Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const ClientOptions& options) {
-  const auto& streams = options.scene.streams;
-  const bool files_only = !streams.empty() && std::all_of(streams.begin(), streams.end(), [](const std::string& each) {
-    return clip_in(each).has_value();
-  });
-  const bool no_files = !streams.empty() && std::none_of(streams.begin(), streams.end(), [](const std::string& each) {
-    return clip_in(each).has_value();
-  });
+  const std::size_t streams = options.scene.streams.size(), files = files_in(options.scene.streams);
+  const bool files_only = streams > 0 && files == streams, no_files = streams > 0 && files == 0;
   const Colouring colouring = options.style.colour.colouring;
   const bool numbers = colouring == Colouring::kMovement || colouring == Colouring::kSpeed ||
                        colouring == Colouring::kChannel || colouring == Colouring::kError;
@@ -370,11 +372,8 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
        {{"streams",
          &options.scene.streams,
          "files, folders, recordings and scene files; or http://host[:port]/stream (https:// for TLS; "
-         "http://a,b/stream: the "
-         "brokers a and b of a cluster in turn); or streams at the context's broker; after the word view, globs and "
-         "built-in "
-         "shapes, "
-         "too; or list and a broker",
+         "http://a,b/stream: the brokers a and b of a cluster in turn); or streams at the context's broker; after the "
+         "word view, globs and built-in shapes, too; or list and a broker",
          {},
          false,
          "EIGENCAST_URL"},
@@ -445,7 +444,8 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
          "what is least seen first; default with --resolver budget), full, low",
          Choices{"auto", "full", "low"}},
         {"--target-fps", &options.levels.target_fps,
-         "pictures a second that the resolver holds (default: the display's, headless 60)", Range{1, 1000}},
+         "pictures a second that the resolver holds (default: the display's, or 30 where that is far off; headless 60)",
+         Range{1, 1000}},
         {"--lod-floor", &options.levels.floor, "smallest part of its vertices that a surface keeps", Range{0, 1}, true},
         {"--reconstruct", &raw.reconstruct,
          "what rebuilds surfaces from their coefficients: the processor, the GPU, or the quicker one when the program "
@@ -526,11 +526,9 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && !line.has("--target-fps");
   if (const Result<void> used = check_uses(line, raw, options); !used) return used;
-  const auto& streams = options.scene.streams;
   const bool has_length = line.has("--seconds") || line.has("--turntable") || !options.camera_path.empty();
-  const auto is_file = [](const std::string& stream) { return clip_in(stream).has_value(); };
-  const bool files_only = !streams.empty() && std::all_of(streams.begin(), streams.end(), is_file);
-  if (options.film && !has_length && !files_only)
+  const std::size_t streams = options.scene.streams.size();
+  if (options.film && !has_length && (streams == 0 || files_in(options.scene.streams) < streams))
     return wrong("--film of a stream: say how long it is with --seconds, --turntable or --camera-path");
   const bool has_delay = line.has("--smooth") || line.has("--delay") || line.has("--ahead");
   options.playout_given = has_delay || line.has("--playout");

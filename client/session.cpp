@@ -123,14 +123,9 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   return changed;
 }
 
-/// Pictures that come slowly are not still in between.
 bool Session::look_still(const Camera& camera, TimeUs now_us) {
-  constexpr TimeUs kStill = 60'000, kSoon = 95'000, kStopped = 500'000;
-  const std::uint64_t pose = scene_.poses_shown();
-  if (pose != seen_.pose || camera.position() != seen_.camera.position() || camera.target() != seen_.camera.target())
-    seen_ = {pose, camera, now_us, std::min(now_us - seen_.since_us, kStopped)};
-  const TimeUs late = std::min(seen_.spacing_us * 8 / 5, std::max(seen_.spacing_us * 5 / 4, kSoon));
-  return levels_.set_still(now_us - seen_.since_us >= std::max(kStill, late));
+  const Seen seen{scene_.poses_shown(), camera.position(), camera.target()};
+  return levels_.set_still(stillness_.look(std::exchange(seen_, seen) != seen, now_us));
 }
 
 double Session::drawn_part() const {
@@ -227,7 +222,7 @@ void Session::finish_picture(bool wait) {
   work_us_.add(work);
   last_work_ = FrameWork{end, static_cast<double>(work) / 1e6};
   if (levels_.lowered()) {
-    used_permille_.add(std::llround(static_cast<double>(work) * levels_.settings().target_fps / 1e3));
+    used_permille_.add(std::llround(static_cast<double>(work) * levels_.target_fps() / 1e3));
     drawn_permille_.add(std::llround(1e3 * drawn_part()));
   }
   ++drawn_;

@@ -127,9 +127,10 @@ class Session final {
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
   struct Seen {
     std::uint64_t pose = 0;
-    Camera camera;
-    TimeUs since_us = 0, spacing_us = 0;  ///< Of changes.
-  } seen_;                                ///< What the picture shows.
+    glm::vec3 eye{0}, target{0};
+    bool operator==(const Seen&) const = default;
+  } seen_;  ///< What the picture shows.
+  Stillness stillness_;
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;
   bool up_set_ = false;
 };

@@ -140,7 +140,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                    {"of", figures_now.vertices_total},
                    {"faces", figures_now.faces},
                    {"resolver", kResolverNames[levels_.kind()]},
-                   {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
+                   {"target_fps", levels_.active() ? json(levels_.target_fps()) : json(nullptr)},
                    {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
   const PictureQuality& quality = levels_.quality();
   report["quality"] = {{"mode", kQualityNames[levels_.settings().quality]},

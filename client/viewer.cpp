@@ -31,6 +31,7 @@ constexpr double kEmptyWaitS = 0.1;                       // likewise without so
 constexpr TimeUs kFiguresEveryUs = 250'000;
 constexpr TimeUs kNoticeUs = 8'000'000;
 constexpr double kTurnSeconds = 12;
+constexpr double kSmooth = 30;  // pictures a second that move well
 
 std::string shown_name(const std::string& stream) {
   const auto url = parse_broker_url(stream);
@@ -74,7 +75,10 @@ class Viewer final : public WindowListener {
       mine.view_options.playout.mode = *settings_.playout;
       mine.view_options.playout.smoothness = settings_.smoothness;
     }
-    if (options_.follow_display) mine.levels.target_fps = window_.display_rate_hz();
+    if (options_.follow_display) {
+      mine.levels.target_fps = window_.display_rate_hz();
+      mine.levels.least_fps = std::min(kSmooth, mine.levels.target_fps);
+    }
     auto good = store(path_, CameraPath::read(options_.camera_path));
     if (good) good = store(session_, Session::create(mine, sources, log_));
     if (good) good = store(rebuilder_, choose_rebuilder(options_.reconstruct, *renderer_, false));
@@ -345,7 +349,7 @@ class Viewer final : public WindowListener {
   const ClientOptions options_;
   const OpenSource open_;
   const LogSink log_;
-  GlfwWindow window_{"or write --film film.mp4, or pictures with --headless --frames 90 --out DIR"};
+  GlfwWindow window_{"write --film film.mp4, or pictures with --headless --frames 90 --out DIR"};
   // Renderer, rebuilder and overlay need the window's context for destruction.
   std::unique_ptr<Renderer> renderer_;
   RebuilderChoice rebuilder_;

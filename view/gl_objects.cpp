@@ -108,6 +108,18 @@ void GlBuffer::reserve(std::size_t bytes, GLenum usage) {
   glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, usage);
 }
 
+void GlBuffer::grow(std::size_t bytes) {
+  const GlBuffer aside;
+  const auto had = static_cast<GLsizeiptr>(bytes_);
+  glBindBuffer(GL_COPY_READ_BUFFER, id());
+  glBindBuffer(GL_COPY_WRITE_BUFFER, aside.id());
+  glBufferData(GL_COPY_WRITE_BUFFER, had, nullptr, GL_STREAM_COPY);
+  if (had > 0) glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, had);
+  reserve(bytes, GL_DYNAMIC_DRAW);
+  glBindBuffer(GL_COPY_READ_BUFFER, aside.id());
+  if (had > 0) glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, had);
+}
+
 void GlBuffer::replace_bytes(const void* data, std::size_t bytes) {
   bytes_ = bytes;
   glBindBuffer(GL_COPY_WRITE_BUFFER, id());

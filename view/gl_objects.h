@@ -110,15 +110,13 @@ class GlBuffer final : public GlName<glGenBuffers, glDeleteBuffers> {
   void write(std::size_t offset, std::span<const T> values) {
     write_bytes(offset, values.data(), values.size_bytes());
   }
-  /// Sends the blocks of values that have changed since version `had` (0: none sent yet); all of them where the buffer
-  /// must grow. versions: of the last change of each block; empty: unknown.
+  /// Sends the blocks of values that have changed since version `had` (0: none sent yet). versions: of the last change
+  /// of each block; empty: unknown.
   template <typename T>
   void update(std::span<const T> values, std::span<const std::uint64_t> versions, std::size_t block_size,
               std::uint64_t had) {
-    if (values.size_bytes() > bytes() || versions.empty() || had == 0) {
-      reserve(values.size_bytes() + values.size_bytes() / 4 + sizeof(T), GL_DYNAMIC_DRAW);
-      return write(0, values);
-    }
+    if (values.size_bytes() > bytes()) grow(values.size_bytes() + values.size_bytes() / 4 + sizeof(T));
+    if (versions.empty() || had == 0) return write(0, values);
     for (std::size_t first = 0, last = 0; first < versions.size(); first = last + 1) {
       for (last = first; last < versions.size() && versions[last] > had;) ++last;
       const std::size_t begin = first * block_size, end = std::min(values.size(), last * block_size);
@@ -127,6 +125,7 @@ class GlBuffer final : public GlName<glGenBuffers, glDeleteBuffers> {
   }
 
  private:
+  void grow(std::size_t bytes);  ///< Keeps the content.
   void replace_bytes(const void* data, std::size_t bytes);
   void write_bytes(std::size_t offset, const void* data, std::size_t bytes);
   std::size_t bytes_ = 0;

@@ -106,6 +106,12 @@ void send(GlBuffer& buffer, const VersionedBlocks<T>& blocks, std::uint64_t had)
   buffer.update(std::span<const T>(blocks.values), blocks.versions, VersionedBlocks<T>::kBlock, had);
 }
 
+/// All of them where nothing else is known, into new memory: the GPU may still draw from the old.
+void send(GlBuffer& buffer, std::span<const float> values, const BlockVersions& versions, std::uint64_t had) {
+  if (versions.empty() || had == 0) return buffer.replace(values);
+  buffer.update(values, std::span(versions), LevelTriangles::kBlock, had);
+}
+
 }  // namespace
 
 void GlTriangles::follow(const SurfaceGeometry& geometry) {
@@ -114,7 +120,7 @@ void GlTriangles::follow(const SurfaceGeometry& geometry) {
   const std::uint64_t had = std::exchange(version_, geometry.topology_version);
   const std::span<const std::uint32_t> indices = geometry.triangles;
   count_ = static_cast<GLsizei>(indices.size());
-  buffer_.update(indices, std::span<const std::uint64_t>(geometry.triangle_blocks), LevelTriangles::kBlock, had);
+  buffer_.update(indices, std::span(geometry.triangle_blocks), LevelTriangles::kBlock, had);
 }
 
 void GlSurface::place(const glm::mat4& scene_from_surface) {
@@ -138,14 +144,16 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
   is_solid_ = geometry.is_solid;
   spacing_ = geometry.point_spacing;
   glBindVertexArray(array_.id());
-  if (std::exchange(pose_version_, geometry.pose_version) != geometry.pose_version) take_pose(geometry);
-  if (std::exchange(level_version_, geometry.level_version) != geometry.level_version) take_radii(geometry);
+  if (const auto had = std::exchange(pose_version_, geometry.pose_version); had != geometry.pose_version)
+    take_pose(geometry, had);
+  if (const auto had = std::exchange(level_version_, geometry.level_version); had != geometry.level_version)
+    take_radii(geometry, had);
   if (std::exchange(topology_version_, geometry.topology_version) != geometry.topology_version)
     take_triangles(geometry);
   if (std::exchange(crease_version_, geometry.crease_version) != geometry.crease_version) take_creases(geometry);
 }
 
-void GlSurface::take_pose(const SurfaceGeometry& geometry) {
+void GlSurface::take_pose(const SurfaceGeometry& geometry, std::uint64_t had) {
   vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
   const GpuSurface* gpu = geometry.gpu.get();
   bounds_.reset();
@@ -153,8 +161,8 @@ void GlSurface::take_pose(const SurfaceGeometry& geometry) {
     bounds_.emplace();
     const std::vector<float>& at = geometry.positions;
     for (std::size_t i = 0; i + 2 < at.size(); i += 3) bounds_->add({at[i], at[i + 1], at[i + 2]});
-    positions_.replace(std::span<const float>(geometry.positions));
-    normals_.replace(std::span<const float>(geometry.normals));
+    send(positions_, geometry.positions, geometry.position_blocks, had);
+    send(normals_, geometry.normals, geometry.normal_blocks, had);
   }
   const bool has_normals = gpu != nullptr ? gpu->has_normals : !geometry.normals.empty();
   set_array(kPosition, (gpu != nullptr ? gpu->drawn() : positions_).id(), 3,
@@ -164,11 +172,11 @@ void GlSurface::take_pose(const SurfaceGeometry& geometry) {
   glVertexAttrib3f(kNormal, 0, 0, 0);
 }
 
-void GlSurface::take_radii(const SurfaceGeometry& geometry) {
+void GlSurface::take_radii(const SurfaceGeometry& geometry, std::uint64_t had) {
   has_discs_ = !geometry.radii.empty();
   largest_radius_ = has_discs_ ? *std::max_element(geometry.radii.begin(), geometry.radii.end()) : 0;
   if (!has_discs_) return glDisableVertexAttribArray(kRadius);
-  radii_.replace(std::span<const float>(geometry.radii));
+  send(radii_, geometry.radii, geometry.radius_blocks, had);
   set_array(kRadius, radii_.id(), 1, 0);
 }
 
@@ -206,7 +214,7 @@ void GlSurface::draw_front_triangles() const {
 
 void GlSurface::paint(const SurfacePaint& paint) {
   if (paint.version == paint_version_) return;
-  paint_version_ = paint.version;
+  const std::uint64_t had = std::exchange(paint_version_, paint.version);
   const bool numbers = paint.kind == SurfacePaint::Kind::kScalar, textured = paint.kind == SurfacePaint::Kind::kTexture,
              colours = textured || paint.kind == SurfacePaint::Kind::kColour;
   if (!textured) texture_.reset();
@@ -217,7 +225,7 @@ void GlSurface::paint(const SurfacePaint& paint) {
   glDisableVertexAttribArray(kPaint);
   glVertexAttrib3f(kPaint, 0, 0, 0);
   if (!numbers && !colours) return;
-  values_.replace(std::span<const float>(paint.values));
+  send(values_, paint.values, paint.value_blocks, had);
   set_array(kPaint, values_.id(), numbers ? 1 : 3, 0);
 }
 

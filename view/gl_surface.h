@@ -91,8 +91,8 @@ class GlSurface final {
   float colourfulness = 1;  ///< 0..1
 
  private:
-  void take_pose(const SurfaceGeometry& geometry);
-  void take_radii(const SurfaceGeometry& geometry);
+  void take_pose(const SurfaceGeometry& geometry, std::uint64_t had);
+  void take_radii(const SurfaceGeometry& geometry, std::uint64_t had);
   void take_triangles(const SurfaceGeometry& geometry);
   void take_creases(const SurfaceGeometry& geometry);
 

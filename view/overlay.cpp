@@ -283,7 +283,8 @@ void Overlay::begin_frame(int width_px, int height_px) {
 
 void Overlay::lay_out(const OverlayContent& content, const std::function<void()>& panels) const {
   const Room room{ImGui::GetIO().DisplaySize, 12 * scale_.layout, scale_.layout};
-  const float top = draw_figures(content.figures, room, content.left_px);
+  // The help would cover a part of them.
+  const float top = content.help.empty() ? draw_figures(content.figures, room, content.left_px) : 0;
   const float right = content.legend ? draw_legend(*content.legend, room, top) : 0;
   draw_connection(content, room, right);
   draw_banner(content, room);

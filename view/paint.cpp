@@ -57,6 +57,11 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   if (is_new) before_time_.reset();
   waiting_ = false;
   fill(view, source, wish);
+  const std::uint32_t whole = view.morph().whole(), before = std::exchange(seen_whole_, whole);
+  if (!done || !still)
+    paint_.value_blocks.clear();
+  else
+    mark_from(3 * std::size_t{std::min(before, whole)}, paint_.values.size(), paint_.version + 1, paint_.value_blocks);
   range_ = paint_.kind == SurfacePaint::Kind::kScalar ? range_without_outliers(paint_.values) : std::nullopt;
   ++paint_.version;
 }

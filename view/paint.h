@@ -31,6 +31,7 @@ struct SurfacePaint {
   std::shared_ptr<const TextureLevels> levels;  ///< kTexture only.
   std::shared_ptr<const Picture> image;         ///< kTexture only.
   bool times_values = false;                    ///< kTexture only: the image is multiplied by values.
+  BlockVersions value_blocks;                   ///< Of values, by version.
   std::uint64_t version = 0;                    ///< Grows when kind or values have changed.
 };
 
@@ -71,6 +72,7 @@ class SurfacePainter {
   SurfacePaint paint_;
   Wish wish_;
   std::uint64_t seen_pose_ = 0, seen_level_ = 0;
+  std::uint32_t seen_whole_ = 0;  ///< Vertices that did not move.
   std::optional<std::array<float, 2>> range_;
   std::optional<ScalarChannel> scalar_;
   std::string why_not_;

@@ -4,7 +4,10 @@
 #include <algorithm>
 #include <cassert>
 #include <tuple>
+#include <utility>
 #include <vector>
+
+#include "common/reconstruction/level_triangles.h"
 
 namespace eigencast {
 namespace {
@@ -73,10 +76,46 @@ void finish(const RebuildJob& job) {
   normalise(geometry.normals);
 }
 
+/// What a level without a new pose keeps: normals are compared, positions known.
+struct Kept {
+  std::vector<float> normals;
+  std::uint32_t vertices = 0;  ///< Leading ones whose positions stay.
+};
+
+Kept take_kept(const RebuildJob& job) {
+  SurfaceGeometry& geometry = *job.geometry;
+  if (job.first == 0) {
+    geometry.position_blocks.clear();
+    geometry.normal_blocks.clear();
+    return {};
+  }
+  return {std::move(geometry.normals), std::min({job.first, geometry.unmorphed_first, job.level->whole()})};
+}
+
+std::size_t blocks_of(std::size_t count) {
+  return (count + LevelTriangles::kBlock - 1) / LevelTriangles::kBlock;
+}
+
 }  // namespace
+
+void mark_from(std::size_t first, std::size_t count, std::uint64_t now, BlockVersions& blocks) {
+  blocks.resize(blocks_of(count), now - 1);
+  for (std::size_t b = first / LevelTriangles::kBlock; b < blocks.size(); ++b) blocks[b] = now;
+}
+
+void mark_different(std::span<const float> before, std::span<const float> values, std::uint64_t now,
+                    BlockVersions& blocks) {
+  blocks.resize(blocks_of(values.size()), now - 1);
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    const std::size_t begin = b * LevelTriangles::kBlock, end = std::min(begin + LevelTriangles::kBlock, values.size());
+    if (end > before.size() || !std::equal(&values[begin], &values[begin] + (end - begin), &before[begin]))
+      blocks[b] = now;
+  }
+}
 
 void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& geometry) {
   const std::uint32_t N = level.drawn();
+  const std::vector<float> before = std::exchange(geometry.radii, {});
   std::vector<float>& radii = geometry.radii;
   ++geometry.level_version;
   radii.resize(asset.splats.size() >= N ? N : 0);
@@ -89,13 +128,23 @@ void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& ge
     radii[i] = parent + weight * (asset.splats.radius[i] - parent);
     parent += weight * (asset.splats.parent_radius[i] - parent);
   }
+  mark_different(before, radii, geometry.level_version, geometry.radius_blocks);
 }
 
 SurfaceRebuilder::Cost CpuRebuilder::rebuild(std::span<const RebuildJob> jobs) {
   const TimeUs start = steady_now_us();
+  std::vector<Kept> kept;
+  for (const RebuildJob& job : jobs) kept.push_back(take_kept(job));
   multiply(jobs);
   const TimeUs multiplied = steady_now_us();
-  for (const RebuildJob& job : jobs) finish(job);
+  for (std::size_t i = 0; i < jobs.size(); ++i) {
+    finish(jobs[i]);
+    if (jobs[i].first == 0) continue;
+    SurfaceGeometry& geometry = *jobs[i].geometry;
+    const std::uint64_t now = geometry.pose_version + 1;  // by SurfaceView::finish()
+    mark_from(3 * std::size_t{kept[i].vertices}, geometry.positions.size(), now, geometry.position_blocks);
+    mark_different(kept[i].normals, geometry.normals, now, geometry.normal_blocks);
+  }
   return {multiplied - start, steady_now_us() - multiplied};
 }
 

@@ -18,6 +18,14 @@ namespace eigencast {
 class GpuSurface;
 class Renderer;
 
+/// For each run of LevelTriangles::kBlock values the version of its last change; empty: all are new.
+using BlockVersions = std::vector<std::uint64_t>;
+/// The values, now `count`, from `first` on change at version `now`.
+void mark_from(std::size_t first, std::size_t count, std::uint64_t now, BlockVersions& blocks);
+/// Those that differ do.
+void mark_different(std::span<const float> before, std::span<const float> values, std::uint64_t now,
+                    BlockVersions& blocks);
+
 /// A rebuilt surface to draw. Versions grow when their part changes. Positions and normals are empty where the GPU
 /// holds them (make_gpu_rebuilder()).
 struct SurfaceGeometry {
@@ -29,8 +37,9 @@ struct SurfaceGeometry {
   std::uint64_t pose_version = 0;        ///< For positions and normals.
   std::uint64_t level_version = 0;       ///< For radii.
   std::uint64_t topology_version = 0;    ///< For triangles.
-  /// For each block of LevelTriangles::kBlock indices the topology_version of its last change; empty: unknown.
-  std::vector<std::uint64_t> triangle_blocks;
+
+  BlockVersions position_blocks, normal_blocks, radius_blocks, triangle_blocks;
+
   std::vector<float> creases;  ///< crease_angles() of the rest pose, of all vertices; empty: smooth everywhere.
   std::uint64_t crease_version = 0;
   bool is_point_cloud = false;

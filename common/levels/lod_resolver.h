@@ -176,6 +176,7 @@ class BudgetResolver final : public LodResolver {
 
   /// From now on frames take `factor` times what they took.
   void scale_costs(double factor);
+  void set_f0(double f0) { settings_.f0 = f0; }
   double fixed_s() const { return fixed_; }       ///< a
   double slope_s() const { return slope_; }       ///< b
   double drawn() const { return drawn_; }         ///< V of the last frame.

@@ -10,7 +10,7 @@ namespace eigencast {
 namespace {
 
 constexpr double kLate = 100;   // of the largest error, for twice the time: being in time goes before all
-constexpr double kRoom = 0.92;  // of the budget, for a change that costs time
+constexpr double kRoom = 0.95;  // of the budget, for a change that costs time
 constexpr double kMostSaved = 0.95;
 constexpr double kSurprise = 1.5;  // of a change's time, at most, for what it was said to take
 constexpr int kWarm = 2;           // pictures that make programs and buffers
@@ -30,7 +30,7 @@ QualityKnob resolution_knob(double error, double saved) {
 }
 
 QualityControl::QualityControl(const Settings& settings)
-    : settings_(settings), levels_(settings.budget), steps_(settings.knobs.size()) {
+    : settings_(settings), f0_(settings.budget.f0), levels_(settings.budget), steps_(settings.knobs.size()) {
   assert(
       std::all_of(settings.knobs.begin(), settings.knobs.end(), [](const auto& knob) { return !knob.steps.empty(); }));
 }
@@ -46,16 +46,20 @@ double QualityControl::time_left(const Steps& steps) const {
   return left;
 }
 
+double QualityControl::fixed_s() const {
+  return rests_.empty() ? levels_.fixed_s() : time_left(steps_) * median_rest_;
+}
+
 double QualityControl::error_of(const Steps& steps, const Scene& scene, double budget_s) const {
   double error = 0, largest = settings_.vertex_error;
   for (std::size_t k = 0; k < steps.size(); ++k) {
     error += settings_.knobs[k].error * settings_.knobs[k].steps[steps[k]].error;
     largest += settings_.knobs[k].error;
   }
-  const double left = time_left(steps) / time_left(steps_), room = budget_s / left - levels_.fixed_s();
+  const double left = time_left(steps) / time_left(steps_), room = budget_s / left - fixed_s();
   const double V = std::clamp(room / levels_.slope_s(), scene.least, scene.most);
   if (V > 0) error += settings_.vertex_error * (scene.most / V - 1);
-  const double late = left * (levels_.fixed_s() + levels_.slope_s() * V) / budget_s - 1;
+  const double late = left * (fixed_s() + levels_.slope_s() * V) / budget_s - 1;
   return error + kLate * largest * std::max(0.0, late);
 }
 
@@ -74,6 +78,15 @@ QualityControl::Steps QualityControl::best(const Scene& scene, double budget_s) 
     if (error < least) least = error, found = tried;
   }
   return found;
+}
+
+void QualityControl::note_rest(double seconds) {
+  rests_.push_back(std::max(seconds - levels_.slope_s() * levels_.drawn(), 0.0) / time_left(steps_));
+  if (rests_.size() > kSteady) rests_.erase(rests_.begin());
+  std::vector<double> sorted = rests_;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  median_rest_ = *middle;
 }
 
 void QualityControl::learn(double seconds) {
@@ -108,9 +121,22 @@ void QualityControl::change_to(const Steps& steps) {
   ratios_.clear();
 }
 
+void QualityControl::follow_rate(const Scene& scene) {
+  if (settings_.least_f0 <= 0) return;
+  const double wanted = settings_.budget.f0;
+  const double whole = wanted * (fixed_s() + levels_.slope_s() * scene.most) / time_left(steps_);
+  const bool is_whole = f0_ == wanted;
+  against_f0_ = is_whole ? (whole > 2 ? against_f0_ + 1 : 0) : (whole < 1 ? against_f0_ + 1 : 0);
+  if (against_f0_ < (is_whole ? kLearn : kWait)) return;
+  f0_ = is_whole ? std::min(settings_.least_f0, wanted) : wanted;
+  levels_.set_f0(f0_);
+  against_f0_ = 0;
+}
+
 void QualityControl::adapt(const Scene& scene) {
-  const double budget_s = levels_.fill() / settings_.budget.f0;
-  const double full_s = levels_.fixed_s() + levels_.slope_s() * scene.most;
+  follow_rate(scene);
+  const double budget_s = levels_.fill() / f0_;
+  const double full_s = fixed_s() + levels_.slope_s() * scene.most;
   trial_wanted_ = settings_.trials && (full_s > budget_s || lowered()) &&
                   (next_trial_ < settings_.knobs.size() || since_trial_ >= kTrialEvery);
   if (pictures_ < kWarm + kLearn || since_change_ < kLearn) return;
@@ -132,12 +158,13 @@ QualityControl::Choice QualityControl::choose(std::span<const ObjectView> object
   for (ObjectView& object : bounded)
     object.min = std::max(object.min, static_cast<std::uint32_t>(kFewVertices * object.max + 0.5));
   const double few = cost_of(bounded, &ObjectView::min), least = cost_of(objects, &ObjectView::min);
-  const double saved = levels_.slope_s() * (few - least) / (levels_.fixed_s() + levels_.slope_s() * few);
+  const double saved = levels_.slope_s() * (few - least) / (fixed_s() + levels_.slope_s() * few);
   const bool knows = pictures_ > kWarm && (!settings_.trials || next_trial_ >= settings_.knobs.size());
   goes_low_ = knows && saved >= (goes_low_ ? 1 : 2) * kWorthwhile;
   if (goes_low_) bounded.assign(objects.begin(), objects.end());
   if (last && std::isfinite(last->seconds) && last->seconds > 0) {
     ++pictures_, ++since_change_, ++since_trial_;
+    if (pictures_ > kWarm && levels_.drawn() > 0) note_rest(last->seconds);
     const double left = time_left(steps_);
     if (changed_) {
       learn(last->seconds);

@@ -23,7 +23,8 @@ struct QualityKnob {
 };
 
 /// Parts of a picture's side in pixels, from all to the fewest that are scaled up well, and what they cost.
-inline constexpr std::array<float, 5> kResolutions{1, 0.84F, 0.71F, 0.59F, 0.5F};
+inline constexpr std::array<float, 13> kResolutions{1,      0.944F, 0.891F, 0.841F, 0.794F, 0.749F, 0.707F,
+                                                    0.667F, 0.63F,  0.595F, 0.561F, 0.53F,  0.5F};
 QualityKnob resolution_knob(double error, double saved);
 /// QualityControl::Settings::vertex_error, of what half of the pixels a side change.
 inline constexpr double kOfHalfTheVertices = 0.4;
@@ -41,9 +42,10 @@ inline constexpr double kOfHalfTheVertices = 0.4;
 /// so that nothing oscillates.
 class QualityControl final {
  public:
-  static constexpr int kLearn = 4;          ///< Pictures that measure a change.
-  static constexpr int kWait = 30;          ///< Pictures at least before quality rises.
-  static constexpr int kLongestWait = 960;  ///< Likewise, at most.
+  static constexpr int kLearn = 4;            ///< Pictures that measure a change.
+  static constexpr std::size_t kSteady = 32;  ///< Pictures whose median cost the choice is for: a gait's turn.
+  static constexpr int kWait = 30;            ///< Pictures at least before quality rises.
+  static constexpr int kLongestWait = 960;    ///< Likewise, at most.
   static constexpr int kTrialEvery = 1800;  ///< Pictures between trials, which hold one up, while something is lowered.
   static constexpr double kBetter = 0.1;    ///< Of the error.
   static constexpr double kFewVertices = 0.2;  ///< Fewer are drawn only if that saves kWorthwhile of the time.
@@ -54,6 +56,9 @@ class QualityControl final {
     std::vector<QualityKnob> knobs;
     double vertex_error = 0;  ///< Of half the vertices, in the knobs' unit.
     bool trials = true;       ///< The caller measures what trial() asks for.
+    /// Held instead of budget.f0 while a whole picture takes more than twice its time, until it takes less than once:
+    /// few whole pictures are better than many poor ones. 0: never.
+    double least_f0 = 0;
   };
   explicit QualityControl(const Settings& settings);
 
@@ -72,6 +77,7 @@ class QualityControl final {
 
   const std::vector<QualityKnob>& knobs() const { return settings_.knobs; }
   bool lowered() const;
+  double f0() const { return f0_; }  ///< Pictures a second that are held now.
   /// The planned work of the last picture, as a part of 1 / f0.
   double state() const { return levels_.state(); }
 
@@ -83,13 +89,20 @@ class QualityControl final {
   double time_left(const Steps& steps) const;
   double error_of(const Steps& steps, const Scene& scene, double budget_s) const;
   Steps best(const Scene& scene, double budget_s) const;
+  double fixed_s() const;
+  void note_rest(double seconds);
+  void follow_rate(const Scene& scene);
   void learn(double seconds);
   void adapt(const Scene& scene);
   void change_to(const Steps& steps);
 
   Settings settings_;
+  double f0_;
+  int against_f0_ = 0;  ///< Pictures in a row.
   BudgetResolver levels_;
   Steps steps_;
+  std::vector<double> rests_;  ///< Of the last kSteady pictures: what all but vertices would take at full quality.
+  double median_rest_ = 0;
   std::vector<double> ratios_;          ///< Of times to predictions since a change.
   std::optional<std::size_t> changed_;  ///< The knob that saves most of those that changed.
   double changed_part_ = 0;             ///< Of that knob's saving, by the lower step.

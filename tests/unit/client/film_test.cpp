@@ -122,6 +122,8 @@ TEST(StreamCaptures, KeepThePosesOfAStream) {
   EXPECT_EQ(clip->times_us, (std::vector<TimeUs>{0, 2000, 4000}));
   ASSERT_EQ(clip->frames.size(), 3u);
   for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(clip->frames[i][0], static_cast<double>(3 + 2 * i));
+  for (TimeUs t = 0; t <= 4000; t += 250)
+    EXPECT_NEAR(clip->curve().at(t, true)[0], 3 + static_cast<double>(t) / 1000, 1e-9) << "as evenly as it was sent";
   EXPECT_EQ(clip->info->stream, "demo");
   EXPECT_EQ(clip->asset.vertex_count, source.asset_.vertex_count);
 }
@@ -224,6 +226,18 @@ TEST_F(Films, AreTheSameToTheBit) {
     EXPECT_EQ(a[i].rgb, b[i].rgb) << i;
     EXPECT_NE(a[i].rgb, a[(i + 1) % a.size()].rgb) << i;
   }
+}
+
+TEST_F(Films, FollowTheCameraPath) {
+  options_.camera_path = folder_.file("flight.json");
+  std::ofstream(options_.camera_path) << R"({"keys": [{"t": 0, "eye": [0, 0, 6], "target": [0, 0, 0]},
+                                                      {"t": 0.5, "eye": [2, 0, 6], "target": [2, 0, 0]}]})";
+  for (const char* name : {"a_%d.png", "b_%d.png"}) ASSERT_EQ(film(name, 24), kExitGood) << said_;
+  const auto a = pictures("a_"), b = pictures("b_");
+  ASSERT_EQ(a.size(), 12u) << "as long as the path";
+  ASSERT_EQ(b.size(), a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) EXPECT_EQ(a[i].rgb, b[i].rgb) << i;
+  EXPECT_LT(column_of(a.back()), column_of(a.front()) - 20) << "the camera is quicker than the ball";
 }
 
 TEST_F(Films, VideosHoldEveryPicture) {

@@ -129,7 +129,8 @@ TEST(Options, ExistingPathsAreFilesOtherWordsStreams) {
   EXPECT_EQ(streams("host/a?rate=raw"), Streams{"host/a?rate=raw"});
   EXPECT_EQ(streams("[::1]:7490/a"), Streams{"[::1]:7490/a"});
   EXPECT_EQ(streams(scene), (Streams{"file:heart", "ws://h/a"}));
-  for (const std::string& missing : {folder.file("none.obj"), std::string("none.ply")})
+  for (const std::string& missing :
+       {folder.file("none.obj"), std::string("none.ply"), std::string("./none"), folder.file("none")})
     EXPECT_EQ(std::get<ExitNow>(parsed({missing.c_str()})).code, kExitUsage) << missing;
 }
 

@@ -21,6 +21,7 @@ struct KnobMachine {
   double noise = 0.03;
   double spikes = 0;          ///< The part of the pictures that another program makes three times as long.
   bool has_geometry = false;  ///< Vertices keep more of their time than pixels do: its root.
+  double least_f0 = 0, deadline = 1;
   std::function<double(int)> load = [](int) { return 1.0; };  ///< By the number of the picture.
 };
 
@@ -30,14 +31,16 @@ QualityControl::Settings guesses_for(const KnobMachine& machine, bool trials) {
   settings.budget.f0 = kF0;
   settings.vertex_error = 0.16;
   settings.trials = trials;
+  settings.least_f0 = machine.least_f0;
+  settings.budget.deadline = machine.deadline;
   const std::vector<QualityKnob::Step> two{{0, 0}, {1, 1}};
-  settings.knobs = {{0.4, 0.3, {{0, 0}, {0.2, 0.4}, {0.5, 0.75}, {1, 1}}}, {0.2, 0.3, two}, {2.5, 0.3, two}};
+  settings.knobs = {resolution_knob(0.4, 0.3), {0.2, 0.3, two}, {2.5, 0.3, two}};
   settings.knobs.resize(machine.saved.size());
   return settings;
 }
 
 struct PlayedPictures {
-  std::vector<double> seconds, levels, errors;
+  std::vector<double> seconds, levels, errors, rates;
   std::vector<std::vector<std::size_t>> steps;
   int changes(std::size_t from, std::size_t to) const {
     int count = 0;
@@ -94,6 +97,7 @@ PlayedPictures played_on(const KnobMachine& machine, int pictures, bool trials =
     last = FrameWork{now, seconds};
     result.seconds.push_back(seconds);
     result.levels.push_back(level);
+    result.rates.push_back(control.f0());
     result.steps.push_back(choice.steps);
     result.errors.push_back(error_by_knobs(machine, control.knobs(), choice.steps, level));
   }
@@ -104,7 +108,7 @@ PlayedPictures played_on(const KnobMachine& machine, int pictures, bool trials =
 double least_error(const KnobMachine& machine, double part) {
   const auto knobs = guesses_for(machine, true).knobs;
   double least = 1e9;
-  for (std::size_t a = 0; a < 4; ++a) {
+  for (std::size_t a = 0; a < knobs[0].steps.size(); ++a) {
     for (const std::size_t b : {0U, 1U}) {
       for (const std::size_t c : {0U, 1U}) {
         const double room = part / kF0 / left_by_knobs(machine, knobs, {a, b, c}) - machine.fixed;
@@ -192,13 +196,26 @@ TEST(QualityControl, LevelsAreSteadyBesideNoiseSpikesAndAStepOfTheLoad) {
     constexpr std::size_t kSettled = 60;  // pictures after the start and after each step
     for (const Span& steady : {Span{kSettled, 600}, Span{600 + kSettled, 1200}, Span{1200 + kSettled, 1800}}) {
       const double least = percentile(found.levels, steady, 0.05), most = percentile(found.levels, steady, 0.95);
-      EXPECT_LE(most / least, noise < 0.05 ? 1.2 : 1.4) << noise << " from picture " << steady.from;
+      EXPECT_LE(most / least, noise < 0.05 ? 1.25 : 1.4) << noise << " from picture " << steady.from;
       EXPECT_LE(found.changes(steady.from, steady.to), 1) << noise << " from picture " << steady.from;
       EXPECT_GE(percentile(found.seconds, steady, 0.05) * kF0, noise < 0.1 ? 0.8 : 0.78) << noise;
       EXPECT_LE(percentile(found.seconds, steady, 0.5) * kF0, 1) << noise;
       EXPECT_LE(found.late(steady.from, steady.to), noise < 0.05 ? 0.03 : noise < 0.1 ? 0.08 : 0.22) << noise;
     }
   }
+}
+
+TEST(QualityControl, FewWholePicturesRatherThanManyPoorOnes) {
+  // A whole picture takes 110 ms, and 35 ms once another program has gone.
+  const KnobMachine machine{.least_f0 = 10, .load = [](int i) { return i < 600 ? 1.1 : 0.35; }};
+  const PlayedPictures found = played_on(machine, 1200);
+  for (std::size_t i = 30; i < 600; ++i) ASSERT_EQ(found.rates[i], 10) << i;
+  EXPECT_LT(percentile(found.errors, {100, 600}, 0.95),
+            0.3 * percentile(played_on({.load = machine.load}, 600).errors, {100, 600}, 0.5));
+  EXPECT_EQ(found.rates.back(), kF0);
+  EXPECT_EQ(found.steps.back(), (std::vector<std::size_t>{0, 0, 0}));
+  EXPECT_EQ(played_on({.fixed = 0.04, .vertices = 0.03, .least_f0 = 10}, 600).rates.back(), kF0)
+      << "70 ms can be lowered to 50";
 }
 
 TEST(QualityControl, FewVerticesAreNoSavingWhereTheyCostNothing) {
@@ -217,6 +234,22 @@ TEST(QualityControl, UsesTheTimeWhileSomethingIsLowered) {
   ASSERT_GT(used.size(), 200U);
   std::sort(used.begin(), used.end());
   EXPECT_GE(used[used.size() / 20], 0.8);
+}
+
+TEST(QualityControl, UsesTheTimeOfAGait) {
+  // Whole pictures that take up to three and a half times their time, more and less as animals stride.
+  double worst = 1, sum = 0;
+  int machines = 0;
+  for (double whole = 1.05; whole < 3.5; whole *= 1.04, ++machines) {
+    KnobMachine machine{.fixed = 0.7 * whole / kF0, .vertices = 0.3 * whole / kF0, .noise = 0.04, .deadline = 1.25};
+    machine.load = [](int i) { return 1 + 0.07 * std::sin(6.2831853 * i / 28); };
+    const PlayedPictures found = played_on(machine, 900);
+    const double used = kF0 * percentile(found.seconds, {60, 900}, 0.05);
+    worst = std::min(worst, used), sum += used;
+    EXPECT_LE(found.changes(200, 900), 5) << whole;
+  }
+  EXPECT_GE(worst, 0.77);
+  EXPECT_GE(sum / machines, 0.84);
 }
 
 }  // namespace

@@ -87,6 +87,34 @@ TEST(RateMeter, MeasuresGrowthOverItsWindow) {
   EXPECT_EQ(meter.per_second(), 0);
 }
 
+/// How long after the last of twenty changes, the first after a rest, it stands still. Looks every 5 ms.
+TimeUs still_after(TimeUs every) {
+  Stillness stillness;
+  TimeUs changed = 10'000'000;
+  for (int k = 0; k < 20; ++k) {
+    if (k > 0) changed += every;
+    EXPECT_FALSE(stillness.look(true, changed));
+    for (TimeUs now = changed + 5000; k < 19 && now < changed + every; now += 5000)
+      EXPECT_TRUE(!stillness.look(false, now) || k == 0) << "between two pictures of a motion of " << every << " us";
+  }
+  TimeUs now = changed;
+  while (!stillness.look(false, now)) now += 5000;
+  return now - changed;
+}
+
+TEST(Stillness, BeginsWithinATenthOfASecond) {
+  for (const double fps : {13.5, 15.0, 20.0, 30.0, 60.0, 200.0})
+    EXPECT_LE(still_after(static_cast<TimeUs>(1e6 / fps)), 100'000) << fps;
+  Stillness stillness;
+  EXPECT_FALSE(stillness.look(true, 10'000'000)) << "one turn of the wheel";
+  EXPECT_TRUE(stillness.look(false, 10'100'000));
+}
+
+TEST(Stillness, SlowMotionHasToBeLate) {
+  for (const TimeUs every : {100'000, 200'000, 400'000})
+    EXPECT_NEAR(static_cast<double>(still_after(every)), 1.25 * static_cast<double>(every), 5000);
+}
+
 TEST(ViewerState, KeysToggleTheirSwitches) {
   ViewerState state;
   Camera camera;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "view/level_morph.h"
 
+#include <epoxy/gl.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 #include <random>
 #include <tuple>
+#include <utility>
 
 #include "common/asset/format/encode.h"
 #include "common/asset/format/reader.h"
@@ -302,6 +304,50 @@ TEST_F(SurfacePictures, LevelChangesStayBelowTheBound) {
     if (from >= 0.3 && to >= 0.3) {
       EXPECT_LE(quick.pictures, 10) << "short ways";
     }
+  }
+}
+
+GLsizeiptr bytes_sent = 0;
+PFNGLBUFFERDATAPROC send_all = nullptr;
+PFNGLBUFFERSUBDATAPROC send_part = nullptr;
+
+/// What OpenGL's buffers are sent. REQUIRES: they have been sent something before.
+GLsizeiptr bytes_sent_by(Renderer& renderer, const SurfaceGeometry& geometry) {
+  bytes_sent = 0;
+  send_all = std::exchange(epoxy_glBufferData, [](GLenum target, GLsizeiptr size, const void* data, GLenum usage) {
+    bytes_sent += data != nullptr ? size : 0;
+    send_all(target, size, data, usage);
+  });
+  send_part = std::exchange(epoxy_glBufferSubData, [](GLenum target, GLintptr at, GLsizeiptr size, const void* data) {
+    bytes_sent += size;
+    send_part(target, at, size, data);
+  });
+  renderer.upload(0, geometry);
+  epoxy_glBufferData = send_all;
+  epoxy_glBufferSubData = send_part;
+  return bytes_sent;
+}
+
+TEST_F(SurfacePictures, LevelChangesSendOnlyWhatChanges) {
+  constexpr int kWidth = 160, kHeight = 120;
+  PausedHeart still;
+  frame(still.view.facts());
+  for (const auto& [from, to, part] :
+       {std::tuple(0.9, 0.92, 0.6), std::tuple(0.5, 1.0, 0.9), std::tuple(1.0, 0.9, 0.75)}) {
+    while (still.turn(from)) renderer_->upload(0, still.view.geometry());
+    renderer_->upload(0, still.view.geometry());
+    double all = 0, sent = 0;
+    while (still.turn(to)) {
+      const SurfaceGeometry& geometry = still.view.geometry();
+      sent += static_cast<double>(bytes_sent_by(*renderer_, geometry));
+      all += 4.0 * static_cast<double>(geometry.positions.size() + geometry.normals.size());
+    }
+    EXPECT_LT(sent, part * all) << from << " to " << to << ": positions of what moves, normals about it";
+    const Picture followed = renderer_->picture(camera_, {}, kWidth, kHeight).value();
+    renderer_->set_surface_count(0);
+    renderer_->set_surface_count(1);
+    renderer_->upload(0, still.view.geometry());
+    EXPECT_EQ(renderer_->picture(camera_, {}, kWidth, kHeight)->rgb, followed.rgb);
   }
 }
 
