@@ -41,8 +41,8 @@ class WorkClock final {
   TimeUs spent_us_ = 0;
 };
 
-/// Tells when a picture stands still, so that there is time for a better one. Motion whose pictures come slowly does not
-/// stand still between them: there the next one has to be late. Time comes in as an argument. Not thread-safe.
+/// Tells when a picture stands still, so that there is time for a better one. Slow motion does not stand still between
+/// its pictures: there the next one has to be late. Time comes in as an argument. Not thread-safe.
 class Stillness final {
  public:
   static constexpr TimeUs kStill = 60'000, kSoon = 95'000;  ///< At least; at most after 13 pictures a second and more.

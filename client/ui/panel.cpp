@@ -216,7 +216,9 @@ void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, 
       ImGui::CalcTextSize("x0.5").x + ImGui::CalcTextSize("loop").x + ImGui::GetFrameHeight() + 5 * gap / 2;
   ImGui::SetNextItemWidth(std::max(4 * gap, ImGui::GetContentRegionAvail().x - after));
   const auto end_s = static_cast<float>(static_cast<double>(timeline.end_us()) / 1e6);
-  auto at_s = static_cast<float>(static_cast<double>(timeline.at(now_us).position_us) / 1e6);
+  // The last pose of a loop stays until the first one comes.
+  const TimeUs at_us = std::min(timeline.at(now_us).position_us, timeline.end_us());
+  auto at_s = static_cast<float>(static_cast<double>(at_us) / 1e6);
   const std::string text = "%.2f of " + formatted("%.2f s", static_cast<double>(end_s));
   if (ImGui::SliderFloat("##position", &at_s, 0, end_s, text.c_str(), ImGuiSliderFlags_AlwaysClamp))
     state.seek_us = static_cast<TimeUs>(static_cast<double>(at_s) * 1e6);

@@ -22,6 +22,7 @@ constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
 constexpr double kSide = 0.5;     // likewise, at most, of what is beside a disc; its opposite of what is behind it
 constexpr double kThick = 4;      // of its half width, at most, a limb is thick
+constexpr double kWider = 1.3;    // discs of a limb, so that few of them leave few gaps
 constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
 class SplatBuilder {
@@ -108,10 +109,10 @@ class SplatBuilder {
     std::array<double, 8> side;
     double behind = kFar;
     Limb() { side.fill(kFar); }
-    /// The least of two opposite sides' larger distances; kFar: this is no limb.
+    /// Between the two opposite sides that are nearest; kFar: this is no limb.
     double half_width() const {
       double half = kFar;
-      for (std::size_t k = 0; k < 4; ++k) half = std::min(half, std::max(side[k], side[k + 4]));
+      for (std::size_t k = 0; k < 4; ++k) half = std::min(half, 0.5 * (side[k] + side[k + 4]));
       return behind <= kThick * half ? half : kFar;
     }
   };
@@ -134,7 +135,7 @@ class SplatBuilder {
   }
 
   /// A disc reaches, within its plane, to the far side of the discs that it stands for and that look the same way, but
-  /// no further than the limb that it lies on is wide.
+  /// not much beyond the limb that it lies on.
   void make_radii() {
     const std::vector<std::uint32_t> first = first_at_position(x_);
     std::vector<std::uint32_t> distinct;
@@ -154,7 +155,7 @@ class SplatBuilder {
     std::vector<double> reach = alone;
     std::vector<Limb> limbs(n_);
     const auto now = [&](std::uint32_t i) {
-      return static_cast<float>(std::min(reach[i], std::max(alone[i], limbs[i].half_width())));
+      return static_cast<float>(std::min(reach[i], std::max(alone[i], kWider * limbs[i].half_width())));
     };
     result_.radius.resize(n_);
     result_.parent_radius.resize(n_);

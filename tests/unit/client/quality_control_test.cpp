@@ -7,6 +7,7 @@
 #include <cmath>
 #include <functional>
 #include <random>
+#include <utility>
 
 namespace eigencast {
 namespace {
@@ -223,6 +224,24 @@ TEST(QualityControl, FewVerticesAreNoSavingWhereTheyCostNothing) {
   const KnobMachine machine{.fixed = 0.4, .vertices = 0.01};
   const PlayedPictures found = played_on(machine, 400);
   EXPECT_GE(*std::min_element(found.levels.begin() + 20, found.levels.end()), QualityControl::kFewVertices - 1e-4);
+}
+
+TEST(QualityControl, NoSurfaceGoesUnderAFifthForNothing) {
+  // One is far away. Without four fifths of the vertices pictures take 0.5 %, or two thirds, less.
+  for (const auto& [fixed, vertices] : {std::pair(0.4, 0.002), std::pair(0.03, 0.2)}) {
+    QualityControl control(guesses_for({}, false));
+    std::vector<ObjectView> objects{{50'000, 1000, 1, 500, 1}, {50'000, 1000, 9, 20, 1}};
+    std::optional<FrameWork> last;
+    QualityControl::Choice choice;
+    for (int i = 0; i < 200; ++i) {
+      choice = control.choose(objects, last);
+      for (std::size_t k = 0; k < 2; ++k) objects[k].drawn = choice.levels[k];
+      const double drawn = (choice.levels[0] + choice.levels[1]) / 100'000.0;
+      last = FrameWork{400'000 * i, fixed + vertices * drawn};
+    }
+    const auto least = *std::min_element(choice.levels.begin(), choice.levels.end());
+    EXPECT_EQ(least >= 10'000, vertices < 0.1) << least;
+  }
 }
 
 TEST(QualityControl, UsesTheTimeWhileSomethingIsLowered) {
