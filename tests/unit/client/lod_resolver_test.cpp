@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -152,6 +153,7 @@ struct Flight {
   double wobble = 0;                      ///< Mean |change of V| / V over the last quarter.
   bool was_full = true;                   ///< Every frame of the last quarter at full detail.
   std::vector<double> t, level, seconds;  ///< One for each frame: when it was done, part of all vertices, work.
+  std::vector<double> error;              ///< Likewise, see error_of().
 
   double slowest_percentile(double percent) const {  ///< Covers the work after the first second.
     std::vector<double> sorted;
@@ -171,8 +173,8 @@ struct Flight {
   }
 };
 
-Flight fly(const Machine& machine, double f0, double duration, std::size_t count = 6, std::uint32_t vertices = 8431) {
-  BudgetResolver resolver({.f0 = f0});
+Flight fly(const Machine& machine, LodResolver& resolver, double f0, double duration, std::size_t count,
+           std::uint32_t vertices) {
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0, 1);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -196,6 +198,7 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
     flight.t.push_back(t);
     flight.level.push_back(v / full);
     flight.seconds.push_back(seconds);
+    flight.error.push_back(error_of(objects, {n.begin(), n.end()}));
     if (t > 1) {
       ++frames;
       within += seconds <= 1.25 / f0;
@@ -214,6 +217,49 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
   for (std::size_t i = 1; i < totals.size(); ++i) flight.wobble += std::abs(totals[i] - totals[i - 1]) / totals[i];
   flight.wobble /= static_cast<double>(totals.size());
   return flight;
+}
+
+Flight fly(const Machine& machine, double f0, double duration, std::size_t count = 6, std::uint32_t vertices = 8431) {
+  BudgetResolver resolver({.f0 = f0});
+  return fly(machine, resolver, f0, duration, count, vertices);
+}
+
+/// Pictures a second, and the mean error in each half, without a second at the start and after each change of the load.
+struct Outcome {
+  double rate = 0;
+  std::array<double, 2> error{};
+};
+
+Outcome outcome_of(const Flight& flight, double duration) {
+  Outcome outcome;
+  std::array<int, 2> count{};
+  double work = 0;
+  for (std::size_t i = 0; i < flight.t.size(); ++i) {
+    if (flight.t[i] < 4) continue;
+    const std::size_t half = flight.t[i] < duration / 2 ? 0 : 1;
+    work += flight.seconds[i];
+    outcome.error[half] += flight.error[i];
+    ++count[half];
+  }
+  for (std::size_t half = 0; half < 2; ++half) outcome.error[half] /= count[half];
+  outcome.rate = (count[0] + count[1]) / work;
+  return outcome;
+}
+
+TEST(BudgetResolver, ErrorIsNoLargerThanThePapersAtItsRate) {
+  constexpr double kSeconds = 40;
+  for (const bool busy : {false, true}) {
+    const Machine machine{[busy](double v, double) { return (0.008 + 0.06 * v / 50'586) * (busy ? 1.7 : 1); },
+                          busy ? 0.15 : 0.03, busy ? 0.03 : 0};
+    PaperResolver paper({.near = 0, .far = 9});
+    const Outcome theirs = outcome_of(fly(machine, paper, 20, kSeconds, 6, 8431), kSeconds);
+    double f0 = theirs.rate;
+    Outcome ours = outcome_of(fly(machine, f0, kSeconds), kSeconds);
+    for (int i = 0; i < 4; ++i)
+      ours = outcome_of(fly(machine, f0 *= 1.002 * theirs.rate / ours.rate, kSeconds), kSeconds);
+    EXPECT_NEAR(ours.rate, theirs.rate, 0.02 * theirs.rate) << busy;
+    for (std::size_t half = 0; half < 2; ++half) EXPECT_LE(ours.error[half], theirs.error[half]) << busy << half;
+  }
 }
 
 TEST(DriftingValue, FollowsDriftAndJumpsButNoSpike) {
