@@ -130,6 +130,13 @@ Result<std::shared_ptr<const BakedClip>> open_recording(const std::string& path,
   return std::shared_ptr<const BakedClip>(std::move(clip));
 }
 
+/// Of the folder where it says more: frames/, horse/vertices.npy.
+std::string name_of(const std::string& input) {
+  fs::path path(input);
+  if (!path.has_filename() || path.filename() == "vertices.npy") path = path.parent_path();
+  return (path.has_filename() ? path : fs::path(input)).stem().string();
+}
+
 }  // namespace
 
 Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,
@@ -138,7 +145,7 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   auto clip = open_input(input);
   if (!clip) return clip.error();
   BakeOptions options;
-  options.name = fs::path(input).stem().string();
+  options.name = name_of(input);
   options.appearance = (*clip)->appearance();
   const KnownMotion motion = motion_of(**clip);
   options.motion = &motion;
