@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"
@@ -20,9 +21,7 @@ constexpr std::size_t kNearest = 8;            // rows that are tried as corners
 constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
-constexpr double kSide = 0.5;     // likewise, at most, of what is beside a disc; its opposite of what is behind it
-constexpr double kThick = 4;      // of its half width, at most, a limb is thick
-constexpr double kWider = 1.3;    // discs of a limb, so that few of them leave few gaps
+constexpr double kInAir = 0.5;    // of a disc's radius, from its edge to the nearest point
 constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
 class SplatBuilder {
@@ -104,38 +103,30 @@ class SplatBuilder {
     return best;
   }
 
-  /// Where a point lies on a limb: how near its sides are in eight directions within the plane, and its other side.
-  struct Limb {
-    std::array<double, 8> side;
-    double behind = kFar;
-    Limb() { side.fill(kFar); }
-    /// Between the two opposite sides that are nearest; kFar: this is no limb.
-    double half_width() const {
-      double half = kFar;
-      for (std::size_t k = 0; k < 4; ++k) half = std::min(half, 0.5 * (side[k] + side[k + 4]));
-      return behind <= kThick * half ? half : kFar;
-    }
-  };
-  static constexpr double kFar = std::numeric_limits<double>::infinity();
-
-  void see(Limb& limb, std::uint32_t from, std::uint32_t j) const {
-    const double turned = dot(normals_[j], normals_[from]);
-    if (turned > kSide) return;
-    const Vec3 e = x_[j] - x_[from];
-    const auto [a, b] = result_.frame[from];
-    const auto axes = frame_from_points(x_[from], x_[a], x_[b]);
-    const double t = dot(e, axes[0]), s = dot(e, axes[1]), across = std::hypot(t, s);
-    const double below = -dot(e, normals_[from]);
-    if (turned < -kSide) {
-      if (below > across) limb.behind = std::min(limb.behind, below);
-      return;
-    }
-    const auto sector = static_cast<std::size_t>(std::floor((std::atan2(s, t) / std::numbers::pi + 1) * 4));
-    limb.side[sector % 8] = std::min(limb.side[sector % 8], across);
+  /// A disc's radius, at most `reach`, of which no two opposite ends lie in the air: else it is wider than its limb.
+  double within_limb(std::uint32_t i, double reach, double least, const Neighbours& neighbours) const {
+    if (i >= kFinestFrame) return reach;
+    const Vec3& n = normals_[i];
+    const Vec3 t = unit(cross(n, std::abs(n[0]) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0})), s = cross(n, t);
+    const auto in_air = [&](double along_t, double along_s) {
+      const Vec3 end = x_[i] + along_t * t + along_s * s;
+      const auto nearest = neighbours.nearest(end, 1);
+      return !nearest.empty() && length(x_[nearest.front()] - end) > kInAir * reach;
+    };
+    const auto is_wider = [&] {
+      constexpr double kHalf = std::numbers::sqrt2 / 2;
+      for (const auto& [c, d] :
+           {std::pair(1.0, 0.0), std::pair(0.0, 1.0), std::pair(kHalf, kHalf), std::pair(kHalf, -kHalf)}) {
+        if (in_air(c * reach, d * reach) && in_air(-c * reach, -d * reach)) return true;
+      }
+      return false;
+    };
+    while (reach > least && is_wider()) reach *= 0.85;
+    return std::max(reach, least);
   }
 
-  /// A disc reaches, within its plane, to the far side of the discs that it stands for and that look the same way, but
-  /// not much beyond the limb that it lies on.
+  /// A disc reaches, within its plane, to the far side of the discs that it stands for and that look the same way, as
+  /// far as its limb is wide.
   void make_radii() {
     const std::vector<std::uint32_t> first = first_at_position(x_);
     std::vector<std::uint32_t> distinct;
@@ -152,29 +143,27 @@ class SplatBuilder {
     }
     std::vector<std::vector<std::uint32_t>> stands_for(n_);
     for (std::uint32_t i = 0; i < n_; ++i) stands_for[i] = {i};
-    std::vector<double> reach = alone;
-    std::vector<Limb> limbs(n_);
-    const auto now = [&](std::uint32_t i) {
-      return static_cast<float>(std::min(reach[i], std::max(alone[i], kWider * limbs[i].half_width())));
+    std::vector<double> now = alone;
+    const auto radius = [&](std::uint32_t i) {
+      return static_cast<float>(within_limb(i, now[i], alone[i], neighbours));
     };
     result_.radius.resize(n_);
     result_.parent_radius.resize(n_);
     for (auto i = static_cast<std::uint32_t>(n_); i-- > order_.base_count;) {
       const std::uint32_t onto = order_.map[i];
-      result_.radius[i] = now(i);
-      result_.parent_radius[i] = now(onto);
+      result_.radius[i] = radius(i);
+      result_.parent_radius[i] = radius(onto);
       for (const std::uint32_t j : stands_for[i]) {
-        see(limbs[onto], onto, j);
         if (dot(normals_[j], normals_[onto]) < kSameWay) continue;
         const Vec3 e = x_[j] - x_[onto];
         const double above = dot(e, normals_[onto]);
-        reach[onto] = std::max(reach[onto], std::sqrt(std::max(0.0, dot(e, e) - above * above)) + alone[j] / 2);
+        now[onto] = std::max(now[onto], std::sqrt(std::max(0.0, dot(e, e) - above * above)) + alone[j] / 2);
       }
       if (stands_for[onto].size() < stands_for[i].size()) std::swap(stands_for[onto], stands_for[i]);
       stands_for[onto].insert(stands_for[onto].end(), stands_for[i].begin(), stands_for[i].end());
       stands_for[i] = {};
     }
-    for (std::uint32_t i = 0; i < order_.base_count; ++i) result_.radius[i] = now(i);
+    for (std::uint32_t i = 0; i < order_.base_count; ++i) result_.radius[i] = radius(i);
   }
 
   const PrefixOrder& order_;

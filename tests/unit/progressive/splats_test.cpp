@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <random>
+#include <utility>
 
 #include "common/progressive/point_normals.h"
 #include "common/progressive/splats.h"
@@ -138,23 +139,24 @@ TEST(Splats, DiscsOfEveryLevelCoverTheirPoints) {
       const std::uint32_t corner = prefix_corner(cloud.order.map, i, N);
       const Vec3 e = cloud.rows[i] - cloud.rows[corner];
       const Vec3 &here = cloud.normals[corner], &there = cloud.normals[i];
-      if (dot(here, there) < 0.31) continue;  // on another side of the tube
+      if (dot(here, there) < 0.31 || length(e) > 0.4) continue;  // on another side of the tube, or along it
       EXPECT_LE(length(cross(e, here)), radii[corner] * 1.000001) << i << " at " << N;
     }
   }
 }
 
-// A ring as thin as a leg: at a level where some six points go round it, discs stay about as small as the ring is thin.
-TEST(Splats, DiscsOfALimbAreNotLongerThanItIsThick) {
+// A ring as thin as a leg: at a level where some six points go round it, and where there are fewer than it is long.
+TEST(Splats, DiscsOfALimbAreNotWiderThanItIs) {
   const Cloud cloud(make_torus(400, 16, 1, 0.04));
-  const std::uint32_t N = 900;
-  double worst = 0, sum = 0;
-  for (const double radius : cloud.radii(N)) {
-    worst = std::max(worst, radius / 0.04);
-    sum += radius / 0.04;
+  for (const auto& [N, mean] : {std::pair(900U, 1.0), std::pair(150U, 1.35), std::pair(40U, 1.35)}) {
+    double worst = 0, sum = 0;
+    for (const double radius : cloud.radii(N)) {
+      worst = std::max(worst, radius / 0.04);
+      sum += radius / 0.04;
+    }
+    EXPECT_LE(worst, 1.75) << N;
+    EXPECT_LE(sum / N, mean) << N;
   }
-  EXPECT_LE(worst, 2.0);
-  EXPECT_LE(sum / N, 1.0);
 }
 
 TEST(Splats, FewOrCoincidentPointsAreStable) {
