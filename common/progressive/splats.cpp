@@ -21,7 +21,7 @@ constexpr std::size_t kNearest = 8;            // rows that are tried as corners
 constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
-constexpr double kInAir = 0.5;    // of a disc's radius, from its edge to the nearest point
+constexpr double kInAir = 0.53;   // of a disc's radius, from its edge to the nearest point
 constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
 class SplatBuilder {
@@ -121,7 +121,7 @@ class SplatBuilder {
       }
       return false;
     };
-    while (reach > least && is_wider()) reach *= 0.85;
+    while (reach > least && is_wider()) reach *= 0.92;
     return std::max(reach, least);
   }
 

@@ -148,13 +148,13 @@ TEST(Splats, DiscsOfEveryLevelCoverTheirPoints) {
 // A ring as thin as a leg: at a level where some six points go round it, and where there are fewer than it is long.
 TEST(Splats, DiscsOfALimbAreNotWiderThanItIs) {
   const Cloud cloud(make_torus(400, 16, 1, 0.04));
-  for (const auto& [N, mean] : {std::pair(900U, 1.0), std::pair(150U, 1.35), std::pair(40U, 1.35)}) {
+  for (const auto& [N, mean] : {std::pair(900U, 1.0), std::pair(150U, 1.5), std::pair(40U, 1.5)}) {
     double worst = 0, sum = 0;
     for (const double radius : cloud.radii(N)) {
       worst = std::max(worst, radius / 0.04);
       sum += radius / 0.04;
     }
-    EXPECT_LE(worst, 1.75) << N;
+    EXPECT_LE(worst, 2.0) << N;
     EXPECT_LE(sum / N, mean) << N;
   }
 }
