@@ -81,6 +81,7 @@ void Backbone::tick() {
   if (hub_ == nullptr) return;
   send_heartbeat(table_read_ ? kAlive : kAsksForRows);
   tell_rows();
+  following_.tick();
   reconcile();
 }
 

@@ -12,6 +12,7 @@ namespace eigencast::broker {
 namespace {
 
 constexpr TimeUs kMemoryRetryUs = 10'000'000;
+constexpr double kTellUs = 10;  ///< A viewer: as a sender here pays.
 
 bool is_join(ByteView message) {
   const auto frame = parse_frame(message.subspan(std::min(message.size(), Follower::kHeadBytes)));
@@ -72,6 +73,7 @@ void Following::stop() {
     if (remote->stream != nullptr) remote->stream->release(*remote);
   }
   changed_.clear();
+  later_.clear();
   hub_ = nullptr;
 }
 
@@ -96,7 +98,7 @@ void Following::reconcile(bool connected, bool complete) {
     if (found == remotes_.end()) continue;
     const RemotePtr remote = found->second;
     if (connected) advance(remote);
-    if (!remote->is_settled()) note(name);
+    if (!remote->is_settled()) later_.insert(name);
   }
 }
 
@@ -156,7 +158,7 @@ void Following::advance(const RemotePtr& remote) {
   const TimeUs now = environment_.now_us();
   if (remote->stream == nullptr) return;
   if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
-  if (remote->phase == Remote::Phase::kFetched) begin(remote);
+  if (remote->phase == Remote::Phase::kFetched && may_tell(*remote)) begin(remote);
   if (remote->phase != Remote::Phase::kFollowing) return;
   fetch_next(remote);
   if (remote->follower.wants_join(now)) ask_join(remote);
@@ -197,6 +199,7 @@ void Following::fetch_next(const RemotePtr& remote) {
   const DirectoryEntry& entry = remote->entry;
   if (holder == nullptr || holder->owner != entry.owner || holder->epoch != entry.epoch || holder->next == remote->next)
     return;
+  if (!may_tell(*remote)) return;
   remote->next = holder->next;
   const auto asset = Sha256::from_hex(remote->next);
   if (!asset) {
@@ -210,6 +213,13 @@ void Following::fetch_next(const RemotePtr& remote) {
     hub_->mark_dirty(*still->stream);
   };
   assets_.fetch(entry.owner, *asset, payer_of(entry), environment_.now_us(), took);
+}
+
+bool Following::may_tell(const Remote& remote) {
+  const double work_us = kTellUs * remote.stream->watchers();
+  if (work_.take_change(remote.entry.owner, remote.entry.sender, work_us, environment_.now_us())) return true;
+  later_.insert(remote.stream->name());
+  return false;
 }
 
 void Following::begin(const RemotePtr& remote) {
@@ -291,6 +301,8 @@ void Following::take(const RemotePtr& kept, Bytes message, bool recalled) {
     if (std::exchange(remote.recalls, recalled) != recalled) remote.subscription.reset();
   }
   totals_.frames_dropped += remote.follower.dropped() - dropped;
+  if (const double more_us = remote.stream->take_unpaid_us(); more_us > 0)
+    work_.charge_frames(remote.entry.owner, remote.entry.sender, more_us, environment_.now_us());
   if (remote.recalls && !remote.follower.is_joined()) take_plain_frames(kept);
   if (!remote.follower.is_joined()) note(remote.stream->name());
   hub_->mark_dirty(*remote.stream);
@@ -388,7 +400,7 @@ void Following::remember(const RemotePtr& remote, std::vector<Generation::Segmen
   for (const auto& segment : segments) poses += segment.since == 0 ? segment.poses->poses : 0;
   const double work_us = poses * stream.decoding_us(stream.layout().size() / 4, true);
   Result<void> held = fail(ErrorCode::kTooLarge, "the streams of its sender take too much computing");
-  if (work_.take_frame(remote->entry.owner, remote->entry.sender, work_us, environment_.now_us()))
+  if (work_.take_frame(remote->entry.owner, remote->entry.sender, work_us, environment_.now_us()) && may_tell(*remote))
     held = hub_->remember(stream, std::move(segments));
   if (!held) return retry_memory(*remote, held.error());
   remote->held = remote->loading_what;

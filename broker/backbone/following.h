@@ -88,9 +88,11 @@ class Following {
   /// may have.
   void note(std::string_view name) { changed_.emplace(name); }
   void note_all() { next_sweep_us_ = 0; }
+  /// Time has passed: what is unfinished is compared again. Not for each row, as much may be unfinished.
+  void tick() { changed_.merge(later_); }
 
   /// Follows remote streams that are watched here and no others. `complete`: absent entries of the directory count.
-  /// Compares what was noted and is unfinished, and all names once in sweep_us.
+  /// Compares what was noted, and all names once in sweep_us.
   void reconcile(bool connected, bool complete);
 
   std::size_t size() const { return remotes_.size(); }
@@ -106,6 +108,8 @@ class Following {
   void advance(const RemotePtr& remote);
   void fetch_surface(const RemotePtr& remote);
   void fetch_next(const RemotePtr& remote);
+  /// Whether viewers may be told of a change now; else its stream is compared again later.
+  bool may_tell(const Remote& remote);
   void begin(const RemotePtr& remote);
   void ask_join(const RemotePtr& remote);
   void take(const RemotePtr& remote, Bytes message, bool recalled);
@@ -128,7 +132,7 @@ class Following {
   BackboneTotals& totals_;
   Hub* hub_ = nullptr;
   std::map<std::string, RemotePtr, std::less<>> remotes_;
-  std::set<std::string, std::less<>> changed_;
+  std::set<std::string, std::less<>> changed_, later_;
   TimeUs next_sweep_us_ = 0;
 };
 

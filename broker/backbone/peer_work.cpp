@@ -27,12 +27,51 @@ bool PeerWork::take_row(std::string_view broker, double work_us, TimeUs now_us) 
   return rows != nullptr && rows->take(work_us, kRowsUsPerS, kRowsUsPerS, now_us);
 }
 
+PeerWork::Work* PeerWork::work_of(WorkByBroker& all, const Limit& limit, std::string_view broker, TimeUs now_us) {
+  const auto is_over = [&](const Work& other) {
+    return other.most_us == 0 || now_us - other.since_us >= limit.period_us;
+  };
+  Work* work = slot_of(all, broker, is_over);
+  if (work == nullptr || !is_over(*work)) return work;
+  Work next{now_us, 0, fair_share(*work, limit), {}};
+  const TimeUs periods = (now_us - work->since_us) / limit.period_us;
+  for (const auto& [name, sender] : work->senders) {
+    const std::int64_t owed_us = sender.used_us - periods * work->most_us;
+    if (owed_us <= 0) continue;
+    next.senders.emplace(name, Work::Sender{owed_us, owed_us});
+    next.used_us += std::min(owed_us, next.most_us);
+  }
+  next.used_us = std::max(next.used_us, work->used_us - periods * limit.all_us);
+  *work = std::move(next);
+  return work;
+}
+
+bool PeerWork::take_change(std::string_view broker, const std::string& sender, double work_us, TimeUs now_us) {
+  Work* changes = work_of(changes_, kChangeLimit, broker, now_us);
+  if (changes == nullptr) return false;
+  Work::Sender& own = changes->senders[sender];
+  const auto asked_us = static_cast<std::int64_t>(std::ceil(work_us));
+  own.asked_us += asked_us;
+  if (own.used_us >= changes->most_us || changes->used_us >= kChangesUs) return false;
+  own.used_us += asked_us;
+  changes->used_us += asked_us;
+  return true;
+}
+
+void PeerWork::charge_frames(std::string_view broker, const std::string& sender, double work_us, TimeUs now_us) {
+  Work* frames = work_of(frames_, kFrameLimit, broker, now_us);
+  if (frames == nullptr) return;
+  const auto charged_us = static_cast<std::int64_t>(std::ceil(work_us));
+  Work::Sender& own = frames->senders[sender];
+  own.used_us += charged_us;
+  own.asked_us += charged_us;
+  frames->used_us += charged_us;
+}
+
 bool PeerWork::take_frame(std::string_view broker, const std::string& sender, double work_us, TimeUs now_us) {
-  const auto is_over = [&](const Frames& other) { return now_us - other.since_us >= kPeriodUs; };
-  Frames* frames = slot_of(frames_, broker, is_over);
+  Work* frames = work_of(frames_, kFrameLimit, broker, now_us);
   if (frames == nullptr) return false;
-  if (is_over(*frames)) *frames = {now_us, 0, fair_share(*frames), {}};
-  Frames::Sender& own = frames->senders[sender];
+  Work::Sender& own = frames->senders[sender];
   const auto asked_us = static_cast<std::int64_t>(std::ceil(work_us));
   own.asked_us += asked_us;
   if (own.used_us + asked_us > frames->most_us || frames->used_us + asked_us > kFramesUs) return false;
@@ -41,17 +80,17 @@ bool PeerWork::take_frame(std::string_view broker, const std::string& sender, do
   return true;
 }
 
-std::int64_t PeerWork::fair_share(const Frames& before) {
+std::int64_t PeerWork::fair_share(const Work& before, const Limit& limit) {
   std::vector<std::int64_t> asked;
   for (const auto& [name, sender] : before.senders) asked.push_back(sender.asked_us);
   std::sort(asked.begin(), asked.end());
-  std::int64_t left_us = kFramesUs, others = std::ssize(asked) + 1;
+  std::int64_t left_us = limit.all_us, others = std::ssize(asked) + 1;
   for (const std::int64_t asked_us : asked) {
     if (asked_us > left_us / others) break;
     left_us -= asked_us;
     --others;
   }
-  return std::min(left_us / others, kFramesUs / 2);
+  return std::min(left_us / others, limit.all_us / 2);
 }
 
 }  // namespace eigencast::broker

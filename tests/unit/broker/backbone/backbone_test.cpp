@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // What viewers at one broker get of a stream that is sent to another.
+#include <array>
+
 #include "tests/unit/broker/backbone/sites.h"
 
 namespace eigencast::broker {
@@ -239,6 +241,99 @@ TEST_F(BackboneTest, FramesOfABrokerBeyondItsBudgetAreLeftOut) {
   b().hub->find("x")->unwatch(crowd);
 }
 
+/// Counts what it is told, and keeps nothing.
+struct CountingViewer : FakeReceiver {
+  void on_stream_changed(const Stream&, bool) override { ++told; }
+  void on_frames(const Stream&, std::span<const FramePtr>) override {}
+  std::uint64_t told = 0;
+};
+
+TEST_F(BackboneTest, ViewersAreToldOfChangesInTheTimeOfTheirSender) {
+  constexpr int kViewers = 1'000, kRounds = 80, kRows = 5;
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  const std::array assets{b().put(content(3, 10)), b().put(content(4, 10))};
+  EvilBroker evil(network, assets[0]);
+  evil.entry.sender = "flapping";
+  std::uint64_t revision = 0;
+  const auto change = [&](const std::string& name) {
+    evil.link.publish_row(name, text_from_entry(evil.entry), ++revision);
+  };
+  change("x");
+  std::vector<CountingViewer> crowd(kViewers);
+  for (CountingViewer& one : crowd) watch(b(), one, "x");
+  pass(300'000);
+  const auto told = [&] {
+    std::uint64_t sum = 0;
+    for (CountingViewer& one : crowd) sum += std::exchange(one.told, 0);
+    return sum;
+  };
+  for (const bool begins : {true, false}) {
+    (void)told();
+    const std::size_t seen = viewer.poses.size();
+    for (int i = 0; i < kRounds * kRows; ++i) {
+      if (begins) ++evil.entry.epoch;
+      if (!begins) evil.entry.next = assets[static_cast<std::size_t>(i) % 2].hex();
+      change("x");
+      network.run();
+      if (i % kRows != 0) continue;
+      evil.link.publish("test.alive.evil.1", {'+'});
+      send(sender);
+      pass(25'000);
+    }
+    EXPECT_EQ(viewer.poses.size(), seen + kRounds) << "others miss nothing";
+    // Half of a broker's time in these ticks and some, by 10 us a viewer; that a stream stalls is told for the same.
+    EXPECT_LE(told(), (begins ? 2 : 1) * std::uint64_t{kRounds + 10} * PeerWork::kChangesUs / 2 / 10) << begins;
+    pass(500'000);
+    EXPECT_EQ(b().hub->find("x")->epoch(), evil.entry.epoch) << "the last change comes";
+    if (begins) continue;
+    ASSERT_TRUE(b().hub->find("x")->snapshot().next);
+    EXPECT_EQ(b().hub->find("x")->snapshot().next->asset, evil.entry.next);
+  }
+  for (int i = 0; i < 100; ++i) {
+    ++evil.entry.epoch;
+    change("x");
+    network.run();
+    if (i % kRows == 0) pass(25'000);
+  }
+  evil.entry.sender = "another";
+  change("y");
+  FakeReceiver& other = new_viewer();
+  watch(b(), other, "y");
+  pass(100'000);
+  EXPECT_EQ(other.infos.back().state, State::kLive) << "another sender of that broker";
+  for (CountingViewer& one : crowd) b().hub->find("x")->unwatch(one);
+}
+
+TEST_F(BackboneTest, RowsOfOneStreamVisitNoOthersThatWait) {
+  constexpr int kWaiting = 200, kRows = 1'000;
+  EvilBroker evil(network, sha256(content(9, 9)));  // Its surface does not come.
+  std::vector<CountingViewer> viewers(kWaiting);
+  for (int i = 0; i < kWaiting; ++i) {
+    const std::string name = "w" + std::to_string(i);
+    evil.link.publish_row(name, text_from_entry(evil.entry), 1);
+    watch(b(), viewers[static_cast<std::size_t>(i)], name);
+  }
+  evil.entry.announce.asset = b().put(content(3, 10)).hex();
+  CountingViewer viewer;
+  watch(b(), viewer, "x");
+  pass(100'000);
+  const std::uint64_t before = b().backbone->totals().names_compared;
+  for (int i = 0; i < kRows; ++i) {
+    ++evil.entry.epoch;
+    evil.link.publish_row("x", text_from_entry(evil.entry), static_cast<std::uint64_t>(i) + 1);
+    network.run();
+  }
+  EXPECT_LE(b().backbone->totals().names_compared - before, 5 * kRows);
+  pass(25'000);
+  EXPECT_EQ(b().hub->find("x")->epoch(), evil.entry.epoch);
+  b().hub->find("x")->unwatch(viewer);
+  for (int i = 0; i < kWaiting; ++i)
+    b().hub->find("w" + std::to_string(i))->unwatch(viewers[static_cast<std::size_t>(i)]);
+}
+
 TEST_F(BackboneTest, SendersShareTheMemoryOfFollowedStreams) {
   EvilBroker owner(network, b().put(content(3, 10)));
   FakeReceiver viewers[24];
@@ -330,6 +425,21 @@ TEST(PeerWorkTest, SendersLeaveOthersOfTheirBrokerTheirShareOfItsFrames) {
     EXPECT_LE(all_us, PeerWork::kFramesUs);
     EXPECT_GT(take_all("b.1", "0", period * PeerWork::kPeriodUs), PeerWork::kFramesUs / 2 - 200) << "another broker's";
   }
+}
+
+TEST(PeerWorkTest, ChangesBeyondTheLimitAreOwed) {
+  PeerWork work;
+  const auto first_us = [&](const std::string& broker, const std::string& sender) {
+    TimeUs now_us = 0;
+    while (!work.take_change(broker, sender, 10, now_us) && now_us < 10'000'000) now_us += 1'000;
+    return now_us;
+  };
+  EXPECT_TRUE(work.take_change("a.1", "large", 8.0 * PeerWork::kChangesUs, 0)) << "even if it is more than all";
+  EXPECT_EQ(first_us("b.1", "large"), 0);
+  EXPECT_EQ(first_us("a.1", "small"), 8 * PeerWork::kChangesPeriodUs) << "its broker's is used up, too";
+  const TimeUs again_us = first_us("a.1", "large");
+  EXPECT_GE(again_us, 15 * PeerWork::kChangesPeriodUs) << "half of a broker's for a sender";
+  EXPECT_LE(again_us, 20 * PeerWork::kChangesPeriodUs);
 }
 
 TEST_F(BackboneTest, AnOwnerThatIsSilentHoldsUpNoOther) {
