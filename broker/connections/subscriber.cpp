@@ -35,8 +35,9 @@ void Subscriber::on_message(const ControlMessage& message) {
   if (const auto* request = std::get_if<control::Subscribe>(&message)) return subscribe(*request);
   if (const auto* request = std::get_if<control::Unsubscribe>(&message)) return unsubscribe(*request);
   if (const auto* request = std::get_if<control::TraceRequest>(&message)) {
-    if (Stream* stream = context().hub.find(request->stream)) stream->trace(*this, request->every);
-    return;
+    Stream* stream = context().hub.find(request->stream);
+    if (stream == nullptr || stream->trace(*this, request->every)) return;
+    return send(control::Notice{request->stream, "it is traced for as many viewers as may be: try again later", 0});
   }
   if (const auto* held = std::get_if<control::Prepared>(&message)) {
     if (Stream* stream = context().hub.find(held->stream)) stream->note_prepared(*this, held->asset);

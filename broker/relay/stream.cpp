@@ -30,9 +30,11 @@ constexpr double kRecalledPerUs = 250, kCodedAnewPerUs = 85;  ///< Besides decod
 constexpr std::size_t kMaxPayersAsked = 8;
 // What a key costs a profile besides poses: pacing, cutting bands.
 constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
-constexpr TimeUs kRetryUs = 50'000;   ///< After a key that nobody paid for.
-constexpr double kTraceUs = 2;        ///< A viewer that is told one.
-constexpr double kChangeChainUs = 5;  ///< A viewer that gains or lacks what keys need.
+constexpr TimeUs kRetryUs = 50'000;      ///< After a key that nobody paid for.
+constexpr double kTraceUs = 2;           ///< A viewer that is told one.
+constexpr std::int64_t kMaxTraced = 64;  ///< Viewers of a stream that are told any, as its sender pays.
+constexpr double kBeginAnewUs = 10;      ///< A viewer: it is told, and its chain begins anew.
+constexpr double kChangeChainUs = 5;     ///< A viewer that gains or lacks what keys need.
 
 }  // namespace
 
@@ -248,6 +250,7 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
     resume_ = coming_->resume;
     const Snapshot begins = std::move(coming_->snapshot);
     if (auto begun = restore(begins); !begun) return begun;
+    unpaid_us_ += kBeginAnewUs * watchers();
   }
   if (frame->envelope.tag != present_.tag)
     return fail(ErrorCode::kCorrupt, "tag " + std::to_string(frame->envelope.tag) + " is not that of 'announced', " +
@@ -315,14 +318,15 @@ void Stream::note_held(Watcher& watcher, std::uint32_t generation) {
       generation < std::max(memory->root, found->second.generation))
     return;
   found->second.generation = generation;
-  change_chain(watcher);
+  // Who comes and goes must not use up the sender's time.
+  change_chain(watcher, generation > found->second.came_to);
 }
 
-void Stream::change_chain(Watcher& watcher) {
+void Stream::change_chain(Watcher& watcher, bool sender_pays) {
   Watched& watched = watched_.at(&watcher);
   if (watched.group == nullptr || watched.group->plain == needs_plain(watched)) return;
   deliver();
-  unpaid_us_ += kChangeChainUs;
+  if (sender_pays) unpaid_us_ += kChangeChainUs;
   leave_group(watcher, watched);
   join_group(watcher, watched);
   watcher.on_restart(*this);
@@ -331,7 +335,7 @@ void Stream::change_chain(Watcher& watcher) {
 void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
   if (record->generation > present_.used) {
     present_.used = record->generation;
-    for (Watcher* watcher : order_) change_chain(*watcher);
+    for (Watcher* watcher : order_) change_chain(*watcher, true);
   }
   present_.newest = record;
   ++keys_received_;
@@ -409,11 +413,14 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   const auto before = watched_.find(&watcher);
   const bool known = before != watched_.end();
   const std::uint32_t generation = known ? before->second.generation : 0;
+  const std::uint32_t came_to = known ? before->second.came_to : present_.memory ? present_.memory->number : 0;
   const bool prepared = known && before->second.prepared;
+  auto tracing = known ? std::move(before->second.tracing) : nullptr;
   auto place = known ? forget(watcher) : share_->take_place(watcher.holder(), settings_.max_watchers);
   if (!place) return place.error();
   if (!known) order_.push_back(&watcher);
-  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr, std::move(*place), generation};
+  Watched& watched = watched_[&watcher] = {canonical(wanted), nullptr, std::move(*place), generation, came_to};
+  watched.tracing = std::move(tracing);
   if (prepared && present_.next) note_prepared(watcher, present_.next->asset);
   if (present_.epoch != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
@@ -479,11 +486,18 @@ void Stream::relay_trace(const control::Trace& trace) {
   unpaid_us_ += kTraceUs * told;
 }
 
-void Stream::trace(Watcher& watcher, std::uint32_t every) {
-  if (every != 0 && !watched_.contains(&watcher)) return;
+bool Stream::trace(Watcher& watcher, std::uint32_t every) {
+  const auto found = watched_.find(&watcher);
+  if (every != 0 && found == watched_.end()) return true;
+  if (every != 0 && !found->second.tracing) {
+    if (!traced_.fits(watcher.holder(), 1, kMaxTraced)) return false;
+    found->second.tracing = traced_.hold(watcher.holder(), 1);
+  }
+  if (every == 0 && found != watched_.end()) found->second.tracing.reset();
   const std::uint32_t before = tracer_.every();
   tracer_.want(&watcher, every);
   if (tracer_.every() != before && publisher_ != nullptr) publisher_->on_trace_wanted();
+  return true;
 }
 
 void Stream::set_mirror_trace(std::uint32_t every) {

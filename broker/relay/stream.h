@@ -259,8 +259,9 @@ class Stream {
   void pump(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
 
-  /// Requests traces of every n-th key for a watcher; 0: none. Ignored for others.
-  void trace(Watcher& watcher, std::uint32_t every);
+  /// Requests traces of every n-th key for a watcher; 0: none. Ignored for others. False: its holder has its share of
+  /// those who are told of traces.
+  bool trace(Watcher& watcher, std::uint32_t every);
   /// The interval at which the sender is to trace keys: the least that any watcher wants; 0: none.
   std::uint32_t trace_every() const { return shorter_interval(tracer_.every(), mirror_trace_); }
   void relay_trace(const control::Trace& trace);
@@ -330,11 +331,13 @@ class Stream {
   };
 
   struct Watched {
-    Profile wanted;                ///< Made canonical().
-    Group* group = nullptr;        ///< Null before the first epoch.
-    std::shared_ptr<void> place;   ///< Among the stream's watchers.
-    std::uint32_t generation = 0;  ///< Of the memory that it has.
-    bool prepared = false;         ///< It holds the next asset.
+    Profile wanted;                   ///< Made canonical().
+    Group* group = nullptr;           ///< Null before the first epoch.
+    std::shared_ptr<void> place;      ///< Among the stream's watchers.
+    std::uint32_t generation = 0;     ///< Of the memory that it has.
+    std::uint32_t came_to = 0;        ///< Of the one that was there when it came.
+    bool prepared = false;            ///< It holds the next asset.
+    std::shared_ptr<void> tracing{};  ///< Of traced_.
   };
   struct Coming {
     Snapshot snapshot;
@@ -350,7 +353,7 @@ class Stream {
   /// former  its feed in the epoch that is continued; may be null
   void join_group(Watcher& watcher, Watched& watched, const Feed* former = nullptr);
   /// Moves it where needs_plain() says.
-  void change_chain(Watcher& watcher);
+  void change_chain(Watcher& watcher, bool sender_pays);
   void leave_group(const Watcher& watcher, Watched& watched);
   std::shared_ptr<void> forget(const Watcher& watcher);
   void deliver(Group& group);
@@ -366,6 +369,7 @@ class Stream {
   bool mirrored_ = false;
   std::uint32_t mirror_trace_ = 0;
   CoefficientLayout layout_;
+  Shares traced_;  ///< Of those who are told of traces.
   std::unordered_map<const Watcher*, Watched> watched_;
   std::map<GroupKey, std::unique_ptr<Group>> groups_;
   mutable KeyRecordPtr plain_;  ///< See plain(); null: it begins anew.

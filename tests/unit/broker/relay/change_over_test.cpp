@@ -120,6 +120,21 @@ TEST_F(ChangeOver, SendersThatLeaveTakeTheirNextEpochAlong) {
   stream_.unwatch(viewer);
 }
 
+TEST_F(ChangeOver, TheSenderPaysForEachViewerOfTheNewEpoch) {
+  begin();
+  std::list<FakeReceiver> viewers(20);
+  for (FakeReceiver& viewer : viewers) ASSERT_TRUE(stream_.watch(viewer, kRaw));
+  play(2);
+  stream_.prepare(next());
+  const std::uint8_t tag = announce_next();
+  (void)stream_.take_unpaid_us();
+  ASSERT_TRUE(stream_.add_frame(sender_.carry_on(tag, now_), now_));
+  EXPECT_GE(stream_.take_unpaid_us(), 20 * 10.0) << "what an announcement costs it";
+  wait(kInterval);
+  play(1);
+  EXPECT_EQ(stream_.take_unpaid_us(), 0);
+}
+
 TEST_F(ChangeOver, ProgressIsShownAndChangesNothing) {
   FakeReceiver viewer;
   begin();

@@ -318,6 +318,29 @@ TEST_F(MemoryTest, ChangesOfChainsArePaidByTheSender) {
   for (MemoryViewer& viewer : viewers) stream_->unwatch(viewer);
 }
 
+TEST_F(MemoryTest, ViewersThatComeAndGoCostTheSenderNothing) {
+  plain_key();
+  remember(0, 30);
+  recalled_key(8);
+  MemoryViewer stays;
+  watch(stays);
+  hold(stays);
+  (void)stream_->take_unpaid_us();
+  for (int i = 0; i < 20; ++i) {
+    MemoryViewer viewer;
+    watch(viewer);
+    hold(viewer);
+    EXPECT_EQ(viewer.restarts, 1);
+    stream_->unwatch(viewer);
+  }
+  EXPECT_EQ(stream_->take_unpaid_us(), 0);
+  remember(30, 10);
+  recalled_key(8 * 35);
+  hold(stays);
+  EXPECT_GT(stream_->take_unpaid_us(), 2 * 5.0) << "what the sender brings about";
+  stream_->unwatch(stays);
+}
+
 TEST_F(MemoryTest, PosesThatAreKeptAreChargedOnce) {
   remember(0, 100);
   const std::int64_t bytes = hub_->memory_bytes();

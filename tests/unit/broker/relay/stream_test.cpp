@@ -319,6 +319,31 @@ TEST_F(StreamTest, TracesArePaidByHowManyAreTold) {
   EXPECT_TRUE(receivers[30].traces.empty());
 }
 
+TEST_F(StreamTest, CrowdsThatAskForTracesCostTheSenderLittle) {
+  std::vector<FakeReceiver> crowd;
+  for (int i = 0; i < 300; ++i) crowd.emplace_back("address " + std::to_string(i % 3));
+  FakeReceiver other("another");
+  for (FakeReceiver& receiver : crowd) {
+    ASSERT_TRUE(stream_.watch(receiver, kRaw));
+    (void)stream_.trace(receiver, 1);
+  }
+  ASSERT_TRUE(stream_.watch(other, kRaw));
+  (void)stream_.trace(other, 1);
+  control::Trace sent;
+  sent.sequence = 5;
+  stream_.relay_trace(sent);
+  EXPECT_LE(stream_.take_unpaid_us(), 64 * 2.0);
+  EXPECT_EQ(other.traces.size(), 1U);
+  for (FakeReceiver& receiver : crowd) stream_.unwatch(receiver);
+  FakeReceiver late("address 0");
+  ASSERT_TRUE(stream_.watch(late, kRaw));
+  (void)stream_.trace(late, 1);
+  stream_.relay_trace(sent);
+  EXPECT_EQ(late.traces.size(), 1U) << "who leaves makes room";
+  stream_.unwatch(late);
+  stream_.unwatch(other);
+}
+
 TEST_F(StreamTest, TraceIntervalIsTheSmallestRequested) {
   FakeReceiver a, b, stranger;
   ASSERT_TRUE(stream_.watch(a, kRaw));
