@@ -162,6 +162,8 @@ void Publisher::announce_prepared() {
   };
   const StreamHolder holder{grant().holder(), grant().identity().key.empty() && !grant().identity().local,
                             grant().is_spared()};
+  if (!context().assets.contains(*Sha256::from_hex(announce.asset)))
+    return refuse_it(fail(ErrorCode::kNotFound, "asset " + announce.asset + " is not here any more"));
   const auto epoch = context().ownership.next_epoch(name_);
   if (!epoch) return refuse_it(epoch.error());
   if (auto held = context().hub.hold_keys(*stream_, holder, announce.format); !held) return refuse_it(held.error());

@@ -249,7 +249,7 @@ void AssetStore::forget_segments(const std::vector<Sha256>& segments) {
     SegmentUse& use = segment_uses_[id];
     if (--use.streams > 0) continue;
     use.since_us = now_us;
-    forgotten_.emplace_back(id, now_us);
+    if (!std::exchange(use.queued, true)) forgotten_.emplace_back(id, now_us + settings_.min_idle_us);
   }
 }
 
@@ -271,11 +271,18 @@ void AssetStore::remove_forgotten(TimeUs now_us) {
     const std::string aside = temporary_path();
     {
       const std::lock_guard lock(mutex_);
-      if (forgotten_.empty() || now_us - forgotten_.front().second <= settings_.min_idle_us) return;
-      const auto [id, since_us] = forgotten_.front();
+      if (forgotten_.empty() || now_us <= forgotten_.front().second) return;
+      const Sha256 id = forgotten_.front().first;
       forgotten_.pop_front();
       const auto use = segment_uses_.find(id);
-      if (use == segment_uses_.end() || use->second.streams > 0 || use->second.since_us != since_us) continue;
+      use->second.queued = false;
+      if (use->second.streams > 0) continue;
+      const TimeUs due_us = use->second.since_us + settings_.min_idle_us;
+      if (now_us <= due_us) {
+        use->second.queued = true;
+        forgotten_.emplace_back(id, due_us);
+        continue;
+      }
       segment_uses_.erase(use);
       const auto entry = entries_.find(id);
       if (entry == entries_.end() || ::rename(path_of(id).c_str(), aside.c_str()) != 0) continue;
@@ -333,23 +340,26 @@ bool AssetStore::is_over() const {
 void AssetStore::note_uses() {
   const TimeUs now_us = steady_now_us(), period_us = settings_.min_idle_us / 3;
   std::map<Sha256, Users> due;
-  {
+  std::string at;  // No stream's name is empty.
+  while (true) {   // One stream at a time under the lock, for which the loop waits.
     const std::lock_guard lock(mutex_);
-    for (const auto& [stream, used] : used_by_stream_) {
-      auto known = due.find(used.asset);  // Several streams may use it.
-      if (known == due.end()) {
-        const auto entry = entries_.find(used.asset);
-        if (entry == entries_.end() || now_us - entry->second.read_us < period_us) continue;
-        entry->second.read_us = now_us;
-        known = due.try_emplace(used.asset).first;
-      }
-      for (const Sha256& id : used.segments) {
-        if (const auto segment = entries_.find(id); segment != entries_.end()) use(segment->second, now_us);
-      }
-      Users& users = known->second;
-      if (!used.holder.empty()) users.emplace(load(used.holder), used.holder);
-      if (users.size() > 2) users.erase(std::prev(users.end()));  // One may be the holder itself.
+    const auto next = used_by_stream_.upper_bound(at);
+    if (next == used_by_stream_.end()) break;
+    const auto& [stream, used] = *next;
+    at = stream;
+    auto known = due.find(used.asset);  // Several streams may use it.
+    if (known == due.end()) {
+      const auto entry = entries_.find(used.asset);
+      if (entry == entries_.end() || now_us - entry->second.read_us < period_us) continue;
+      entry->second.read_us = now_us;
+      known = due.try_emplace(used.asset).first;
     }
+    for (const Sha256& id : used.segments) {
+      if (const auto segment = entries_.find(id); segment != entries_.end()) use(segment->second, now_us);
+    }
+    Users& users = known->second;
+    if (!used.holder.empty()) users.emplace(load(used.holder), used.holder);
+    if (users.size() > 2) users.erase(std::prev(users.end()));  // One may be the holder itself.
   }
   for (const auto& [asset, users] : due) {
     auto used = references_of(asset);

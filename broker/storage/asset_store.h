@@ -151,6 +151,7 @@ class AssetStore final : public StreamTap {
   struct SegmentUse {
     std::uint32_t streams = 0;
     TimeUs since_us = 0;  ///< When it came to be of no stream.
+    bool queued = false;  ///< In forgotten_.
   };
   /// Keyed: senders choose ids, and could choose them for one bucket.
   struct IdHash {
@@ -189,7 +190,7 @@ class AssetStore final : public StreamTap {
   mutable std::list<Sha256> order_;                              ///< By last use, oldest first. GUARDED_BY(mutex_)
   std::map<std::string, Used, std::less<>> used_by_stream_;      // GUARDED_BY(mutex_)
   std::unordered_map<Sha256, SegmentUse, IdHash> segment_uses_;  // GUARDED_BY(mutex_)
-  std::deque<std::pair<Sha256, TimeUs>> forgotten_;              ///< As they came out of use. GUARDED_BY(mutex_)
+  std::deque<std::pair<Sha256, TimeUs>> forgotten_;              ///< When to look at what was. GUARDED_BY(mutex_)
   std::map<std::string, Holder, std::less<>> holders_;           // GUARDED_BY(mutex_)
   std::set<std::pair<double, const Holder*>> by_load_;           // GUARDED_BY(mutex_)
   std::atomic<TimeUs> noted_us_{kNever};                         ///< note_uses() has noted all uses at that time.
