@@ -71,6 +71,7 @@ class RecordedPoses {
   /// The poses so far, in the basis that the sender goes on in.
   Result<void> move_to(const Asset& asset, const control::Announce& announce) {
     const std::uint32_t channels = announce.format.channels;
+    if (Transfer::cost(clip_.asset, asset).bytes > kMaxCoefficientBytes) return too_large();
     const auto transfer = channels == clip_.info.format.channels ? Transfer::between(clip_.asset, asset) : std::nullopt;
     if (!transfer) return another_surface();
     bytes_ = clip_.frames.size() * asset.rank * channels * sizeof(double);
@@ -83,7 +84,9 @@ class RecordedPoses {
     return fail(ErrorCode::kUnsupported, "its sender changes the surface on the way; eigencast-sender replay plays it");
   }
   static Error too_large() {
-    return fail(ErrorCode::kTooLarge, "over 1 GiB of coefficients; eigencast-sender replay streams any number");
+    return fail(
+        ErrorCode::kTooLarge,
+        "over 1 GiB of coefficients, or to take them to another basis; eigencast-sender replay streams any number");
   }
 
   /// Since the pose before it. A sender that comes back may have another clock, and what is between may be cut out.

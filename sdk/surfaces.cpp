@@ -2,6 +2,7 @@
 #include "sdk/surfaces.h"
 
 #include <chrono>
+#include <exception>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -9,6 +10,12 @@
 #include "common/asset/asset_limits.h"
 
 namespace eigencast {
+namespace {
+
+/// Beyond it, some ten seconds of a core, a viewer takes what comes next without poses that are carried over.
+constexpr std::uint64_t kMostProducts = std::uint64_t{1} << 33;
+
+}  // namespace
 
 Surfaces::Surfaces(std::string cache_dir, std::function<void()> wake, LogSink log, MemoryBudget& memory)
     : log_(log), memory_(memory), fetcher_(std::move(cache_dir), std::move(wake), std::move(log)) {}
@@ -25,9 +32,8 @@ bool Surfaces::announce(const control::StreamInfo& info) {
   const bool has_come = next_ && next_->goes_on_as(info.asset) && next_->finished() && !pending_ && shown_;
   change_.reset();
   if (has_come) {
-    if (next_->change.valid()) {
-      if (auto change = next_->change.get(); change && change->from_epoch == shown_->epoch) change_ = std::move(change);
-    }
+    take_change();
+    if (next_->change && next_->change->from_epoch == shown_->epoch) change_ = std::move(next_->change);
     shown_ = std::move(next_);
     adopt(*shown_, info);
     prepare();
@@ -37,7 +43,7 @@ bool Surfaces::announce(const control::StreamInfo& info) {
     pending_.reset();
   } else {  // Also where this very surface could not be shown before: what was wrong may have been put right.
     // Some of it may be here already.
-    pending_ = next_ && next_->goes_on_as(info.asset) ? std::move(next_) : std::make_unique<Slot>();
+    pending_ = next_ && next_->goes_on_as(info.asset) ? std::move(next_) : std::make_shared<Slot>();
     pending_->asset = info.asset;
   }
   next_.reset();
@@ -54,7 +60,7 @@ void Surfaces::prepare() {
   const bool asked = next_ && working() == next_.get();
   next_.reset();
   if (!to_come_.empty() && shown_ && !pending_ && to_come_ != shown_->asset) {
-    next_ = std::make_unique<Slot>();
+    next_ = std::make_shared<Slot>();
     next_->asset = to_come_;
     next_->format.rows = 0;
   }
@@ -69,25 +75,45 @@ Surfaces::Slot* Surfaces::working() {
 
 std::string Surfaces::take_prepared() {
   if (!next_ || !next_->finished() || told_prepared_) return {};
-  if (next_->change.valid() && next_->change.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return {};
+  take_change();
+  if (changing_) return {};
+  if (!std::exchange(next_->changes, true)) begin_change();
+  if (changing_) return {};
   told_prepared_ = true;
   return next_->asset;
 }
 
-/// On a thread of its own: what is shown goes on meanwhile.
-void Surfaces::begin_change(Slot& next) {
-  const auto work = [from = shown_, to = &next.reader->asset(), epoch = shown_->epoch]() -> std::optional<ChangeOver> {
-    auto transfer = Transfer::between(from->reader->asset(), *to);
-    if (!transfer) return std::nullopt;
-    auto reconstructor = std::make_shared<Reconstructor>();
-    reconstructor->update(*to);
-    return ChangeOver{epoch, std::move(*transfer), std::move(reconstructor)};
+/// On a thread of its own, one at a time: what is shown goes on meanwhile, and what is given up is not waited for.
+void Surfaces::begin_change() {
+  const Asset &from = shown_->reader->asset(), &to = next_->reader->asset();
+  const Transfer::Cost cost = Transfer::cost(from, to);
+  if (cost.products > kMostProducts) return;
+  auto memory = memory_.take(cost.bytes, "the change to another basis");
+  if (!memory) return log(log_, LogLevel::kWarning, memory.error().message);
+  const auto work = [shown = shown_, next = next_, epoch = shown_->epoch,
+                     held = std::move(*memory)]() -> std::optional<ChangeOver> {
+    try {
+      auto transfer = Transfer::between(shown->reader->asset(), next->reader->asset());
+      if (!transfer) return std::nullopt;
+      auto reconstructor = std::make_shared<Reconstructor>();
+      reconstructor->update(next->reader->asset());
+      return ChangeOver{epoch, std::move(*transfer), std::move(reconstructor)};
+    } catch (const std::exception&) {  // No memory.
+      return std::nullopt;
+    }
   };
   try {
-    next.change = std::async(std::launch::async, work);
+    making_ = std::async(std::launch::async, work);
+    changing_ = next_;
   } catch (const std::system_error&) {
-    next.change = std::async(std::launch::deferred, work);
+    log(log_, LogLevel::kWarning, "no thread is left: the surface changes without the poses of before");
   }
+}
+
+void Surfaces::take_change() {
+  if (!changing_ || making_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+  changing_->change = making_.get();
+  changing_.reset();
 }
 
 void Surfaces::adopt(Slot& slot, const control::StreamInfo& info) {
@@ -149,7 +175,6 @@ bool Surfaces::add_object() {
       shown_ = std::move(pending_);
       prepare();
     }
-    if (slot == next_.get() && slot->finished()) begin_change(*slot);
   }
   if (slot->finished() && working() != slot) ask();
   return true;

@@ -72,7 +72,8 @@ class Surfaces {
     std::uint64_t total_bytes = 0;
     MemoryBudget::Share memory;
     std::string damage;
-    std::future<std::optional<ChangeOver>> change{};  ///< From what was shown when it was whole.
+    bool changes = false;                ///< Whether `change` was asked for.
+    std::optional<ChangeOver> change{};  ///< From what was shown when it was whole.
 
     bool finished() const { return reader && next_chunk == reader->chunks().size(); }
     bool goes_on_as(const std::string& id) const { return asset == id && damage.empty(); }
@@ -88,16 +89,20 @@ class Surfaces {
   /// What the next object is for.
   Slot* working();
   void prepare();
-  void begin_change(Slot& next);
+  void begin_change();
+  /// Takes what begin_change() has made, if it is ready.
+  void take_change();
   void ask();
   void read_manifest(Slot& slot, ByteView bytes);
   void damage(Slot& slot, const Error& why);
 
   const LogSink log_;
   MemoryBudget& memory_;
-  std::shared_ptr<Slot> shown_;    ///< Drawable.
-  std::unique_ptr<Slot> pending_;  ///< Holds the newest epoch until its first chunk is in.
-  std::unique_ptr<Slot> next_;     ///< Of an epoch to come.
+  std::shared_ptr<Slot> shown_;     ///< Drawable.
+  std::shared_ptr<Slot> pending_;   ///< Holds the newest epoch until its first chunk is in.
+  std::shared_ptr<Slot> next_;      ///< Of an epoch to come.
+  std::shared_ptr<Slot> changing_;  ///< What making_ is for: goes on where that was given up.
+  std::future<std::optional<ChangeOver>> making_;
   std::optional<ChangeOver> change_;
   std::string to_come_;  ///< The asset that next_ is to be, once something is shown; empty: none.
   bool told_prepared_ = false;

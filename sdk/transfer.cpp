@@ -18,6 +18,12 @@ Eigen::MatrixXd first_rows(const Asset& asset, std::uint32_t N) {
   return rows;
 }
 
+/// How many vertices the fit takes.
+std::uint32_t fitted(const Asset& from, const Asset& to, std::uint32_t most) {
+  const std::uint32_t wanted = std::max(most, 8 * std::max(from.rank, to.rank));
+  return std::min({wanted, from.rows_ready, to.rows_ready});
+}
+
 bool are_alike(const Asset& a, const Asset& b, std::uint32_t N) {
   return a.vertex_count == b.vertex_count && a.base_count == b.base_count && a.origin == b.origin &&
          a.face_total == b.face_total && a.detail.size() == 0 && b.detail.size() == 0 && a.source_vertex.size() >= N &&
@@ -28,8 +34,7 @@ bool are_alike(const Asset& a, const Asset& b, std::uint32_t N) {
 }  // namespace
 
 std::optional<Transfer> Transfer::between(const Asset& from, const Asset& to) {
-  const std::uint32_t wanted = std::max(kMostVertices, 8 * std::max(from.rank, to.rank));
-  const std::uint32_t N = std::min({wanted, from.rows_ready, to.rows_ready});
+  const std::uint32_t N = fitted(from, to, kMostVertices);
   if (N < to.rank || !are_alike(from, to, N)) return std::nullopt;
   const Eigen::VectorXd mass = Eigen::Map<const Eigen::VectorXf>(to.mass.data(), N).cast<double>();
   const PrefixFit fit(first_rows(to, N), mass, first_rows(from, N), to.vertex_count);
@@ -40,6 +45,11 @@ std::optional<Transfer> Transfer::between(const Asset& from, const Asset& to) {
   transfer.to_ = to.rank;
   transfer.T_.assign(T.data(), T.data() + T.size());
   return transfer;
+}
+
+Transfer::Cost Transfer::cost(const Asset& from, const Asset& to) {
+  const std::uint64_t N = fitted(from, to, kMostVertices), f = from.rank, t = to.rank;
+  return {sizeof(double) * (2 * N + 3 * t) * (f + t), N * t * (f + t)};  // Rows and weighted rows; Gram matrices.
 }
 
 std::vector<double> Transfer::apply(std::span<const double> C, std::size_t channels) const {

@@ -17,6 +17,12 @@ class Transfer {
   /// the first kMostVertices, or 8 for each column if that is more: they lie evenly on the surface.
   static std::optional<Transfer> between(const Asset& from, const Asset& to);
 
+  /// About what between() takes at most: bytes of memory beside the assets, and products of two numbers.
+  struct Cost {
+    std::uint64_t bytes = 0, products = 0;
+  };
+  static Cost cost(const Asset& from, const Asset& to);
+
   std::uint32_t from_rank() const { return from_; }
   std::uint32_t to_rank() const { return to_; }
   /// C: from_rank() x channels, row-major; returns to_rank() x channels; empty where sizes do not fit.

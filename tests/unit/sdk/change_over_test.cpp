@@ -149,6 +149,33 @@ TEST(ChangeOver, LostConnectionsAreMadeUpFor) {
   EXPECT_EQ(viewer->asset()->rank, 90u);
 }
 
+TEST(ChangeOver, ViewersWithoutMemoryForItChangeWithoutCarryingPosesOver) {
+  LoopbackBroker broker;
+  Changing sender(broker, CodecKind::kQuantised);
+  constexpr std::uint64_t kEnough = std::uint64_t{1} << 30;
+  MemoryBudget budget(kEnough);
+  SubscriberOptions options{broker.url("live/ball"), Profile{.rate = Profile::Rate::kRaw}, {}};
+  options.memory = &budget;
+  const auto viewer = Subscriber::create(options);
+  ASSERT_TRUE(viewer);
+  std::size_t poses = 0;
+  const auto watch = [&] {
+    (void)sender.send();
+    poses += (*viewer)->poll(milliseconds(4)).size();
+    return poses;
+  };
+  ASSERT_TRUE(eventually([&] { return watch() >= 5 && (*viewer)->asset()->complete(); }));
+  const EncodedAsset& next = *model(90).encoded;
+  const auto reader = AssetReader::from_manifest(next.manifest.id, next.manifest.bytes);
+  budget.set_limit(kEnough - budget.remaining() + reader->memory_bytes() + 1'000);
+  ASSERT_LT(1'000U, Transfer::cost(*model(40).asset, *model(90).asset).bytes);
+  ASSERT_TRUE(sender.publisher().change_to(model(90).asset, model(90).encoded));
+  ASSERT_TRUE(eventually([&] { return watch() > 0 && (*viewer)->asset()->rank == 90; }));
+  EXPECT_EQ((*viewer)->change(), nullptr);
+  poses = 0;
+  ASSERT_TRUE(eventually([&] { return watch() >= 5; })) << "the stream goes on";
+}
+
 TEST(ChangeOver, ViewersThatComeInBetweenSeeWhatIsSent) {
   LoopbackBroker broker;
   Changing sender(broker, CodecKind::kFloat64);
