@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """The add-on in the real Blender, installed from its zip: what it sends a viewer receives, in order; what it skips it says.
 
-Usage: blender_test.py BROKER LIBRARY SOURCE_FOLDER [-v] [CASE]. Without Blender it fails: deploy/install-packages.sh full installs it.
+Usage: blender_test.py BROKER LIBRARY SOURCE_FOLDER [-v] [CASE]; the case AddOn.measure prints what a pose costs, for docs/hosts.md.
+Without Blender it fails: deploy/install-packages.sh full installs it.
 """
 import contextlib
 import json
@@ -121,6 +122,11 @@ class AddOn(unittest.TestCase):
         for kind in ("shape_key", "soft_body", "cloth", "armature", "geometry_nodes", "text"):
             with self.subTest(kind=kind):
                 self.assert_all_came(*self.run_in_blender(f"moves:{kind}"))
+
+    def measure(self):
+        for side in (44, 99, 199):
+            result, _, came = self.run_in_blender(f"measure:{side}")
+            print(f"{result['points']} points | {result['ms']:.2f} ms a pose | sent {result['sent']}, dropped {result['dropped']} | came {len(came)}")
 
     def test_other_faces_in_each_frame_are_one_sender_and_told(self):
         result, sent, came = self.run_in_blender("remesh")

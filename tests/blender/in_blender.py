@@ -5,6 +5,7 @@ import contextlib
 import io
 import json
 import pathlib
+import statistics
 import sys
 import time
 
@@ -93,6 +94,25 @@ def moves(kind):
     eventually(lambda: arrived[0] >= len(poses), "the last pose")
     keep("moves", poses)
     result.update(told(live))
+
+
+def measure(side):
+    """What a frame takes of Blender, (side + 1) x (side + 1) points."""
+    target = scenes.shape_key(int(side))
+    bpy.context.scene.frame_set(1)
+    live, poses = streamed(target, "moves")
+    bpy.app.handlers.frame_change_post.remove(add_on.on_frame)
+    taken_s = []
+
+    def timed(scene, depsgraph):
+        begun = time.perf_counter()
+        add_on.on_frame(scene, depsgraph)
+        taken_s.append(time.perf_counter() - begun)
+
+    bpy.app.handlers.frame_change_post.append(timed)
+    play(target, live, poses)
+    eventually(lambda: arrived[0] >= len(poses), "the last pose")
+    result.update(told(live), points=len(poses[0]), ms=1e3 * statistics.median(taken_s))
 
 
 def remesh():
