@@ -3,7 +3,8 @@
 """An example in its host: a viewer that is there first receives its poses, in order; with --picture all of them.
 
 Usage: examples_test.py BROKER LIBRARY PACKAGE_FOLDER [--picture CLIENT FILE.png] COMMAND...
-COMMAND gets the stream's URL and says how many poses it sent. Exits with 77 where numpy, or a module of the host's, is missing.
+COMMAND gets the stream's URL and says how many poses it sent. Once a viewer has the first, there is a file `seen` in its folder. Exits with
+77 where numpy is missing.
 """
 import os
 import pathlib
@@ -33,7 +34,7 @@ def main():
         folder = pathlib.Path(name)
         port = folder / "port"
         environment = dict(os.environ, EIGENCAST_CACHE=str(folder / "cache"), PYTHONPATH=PACKAGE + os.pathsep + os.environ.get("PYTHONPATH", ""),
-                           PYTHONDONTWRITEBYTECODE="1")
+                           PYTHONDONTWRITEBYTECODE="1", PATH=os.path.dirname(BROKER) + os.pathsep + os.environ["PATH"])
         broker = subprocess.Popen([BROKER, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
                                    folder / "assets"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
@@ -50,7 +51,7 @@ def main():
 
 def watch(url, environment, folder):
     with eigencast.Subscriber(url + "?rate=raw", cache_dir="") as viewer:
-        program = subprocess.Popen([*COMMAND, url], env=environment, cwd=folder, stdout=subprocess.PIPE, text=True)
+        program = subprocess.Popen([*COMMAND, url], env=environment, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         artist = None
         if CLIENT:
             artist = subprocess.Popen([CLIENT, url, "--headless", "--frames", "80", "--out", folder / "pictures", "--size", "400x260"])
@@ -59,6 +60,7 @@ def watch(url, environment, folder):
             pose = viewer.next(timeout=0.05)
             if pose is not None:
                 sequences.append(pose.sequence)
+                (folder / "seen").touch()
                 assert numpy.isfinite(pose.positions).all()
                 whole = len(pose.positions) == len(numpy.unique(pose.source_vertex)) == pose.source_vertex.max() + 1
                 if whole and (first is None or len(first) != len(pose.positions)):
@@ -68,10 +70,7 @@ def watch(url, environment, folder):
             elif ended is None and program.poll() is not None:
                 ended = time.monotonic()
         said, stats = program.communicate()[0], viewer.stats()
-    if program.returncode == 77:
-        print(said)
-        sys.exit(77)
-    sent = re.search(r"sent (\d+) poses", said)
+    sent = next(reversed([*re.finditer(r"sent (\d+)\b", said)]), None)
     if program.returncode != 0 or not sent:
         sys.exit(f"it ended with {program.returncode}: {said}")
     print(f"sent {sent[1]} poses; a viewer received {stats.keys}, missed {stats.missed}, rebuilt {len(sequences)}; moved by {moved:.3g}")
