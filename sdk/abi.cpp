@@ -2,6 +2,8 @@
 // Baking, and what is said of errors.
 #include "sdk/abi.h"
 
+#include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <optional>
 
@@ -10,6 +12,7 @@
 #include "common/spectral/known_motion.h"
 #include "common/surface/cells.h"
 #include "common/surface/checks/check.h"
+#include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 #include "sdk/asset_folder.h"
 #include "sdk/bake.h"
@@ -86,6 +89,21 @@ KnownMotion motion_from(const ec_bake_options& given, std::size_t vertices) {
   return {{}, given.poses != nullptr ? given.pose_count : 0, pose, given.pose_rate_hz};
 }
 
+/// What a basis of a motion is made of; `samples` else.
+Result<KnownMotion> motion_of_basis(const ec_bake_options& given, BasisKind basis, std::size_t vertices,
+                                    KnownMotion samples) {
+  if (!is_of_columns(basis) || given.columns == nullptr) return samples;
+  const std::size_t count = given.column_count;
+  if (count > SpanningColumns::kMaxColumns || vertices * count * sizeof(double) > SpanningColumns::kMaxBytes)
+    return fail(ErrorCode::kTooLarge, "ec_bake: " + std::to_string(count) + " columns of " + std::to_string(vertices) +
+                                          " vertices: at most 2048 columns, and 2 GiB of them");
+  const std::span all(given.columns, vertices * count);
+  if (!std::all_of(all.begin(), all.end(), [](double w) { return std::isfinite(w); }))
+    return fail(ErrorCode::kInvalidArgument, "ec_bake: a number of the columns is not finite");
+  samples.columns = {count, {all.begin(), all.end()}};
+  return samples;
+}
+
 }  // namespace
 
 Result<Surface> abi::surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
@@ -106,6 +124,13 @@ Result<BakeOptions> abi::bake_options_from(const ec_bake_options& given) {
   const auto basis = basis_from_name(text_or(given.basis, std::string(name_of(options.basis))));
   if (!basis) return basis.error();
   options.basis = *basis;
+  if (is_of_columns(*basis)) options.asset_error = 0;
+  options.rank = is_of_columns(*basis) ? static_cast<int>(limits::kMaxRows) : *basis == BasisKind::kPca ? 50 : 200;
+  if (given.detail != nullptr) {
+    const auto detail = detail_from_name(given.detail);
+    if (!detail) return detail.error();
+    options.detail = *detail;
+  }
   const auto solver = kSolverNames.find(text_or(given.solver, std::string(kSolverNames[options.solver])));
   if (!solver) return fail(ErrorCode::kInvalidArgument, "the solver must be lanczos or spectra");
   options.solver = *solver;
@@ -113,7 +138,9 @@ Result<BakeOptions> abi::bake_options_from(const ec_bake_options& given) {
   const int asks = (given.quality != 0) + (given.target_error != 0) + (given.bitrate != 0);
   if ((given.rank > 0) + asks > 1)
     return fail(ErrorCode::kInvalidArgument, "give one of rank, quality, target_error and bitrate");
-  if (asks > 0 || (given.rank == 0 && given.poses != nullptr && given.pose_count > 1))
+  const bool chooses = given.poses != nullptr && given.pose_count > 1 && !is_of_motion(*basis) &&
+                       detail_of(options) == DetailKind::kNone;
+  if (asks > 0 || (given.rank == 0 && chooses))
     options.wish = BakeWish{given.quality != 0 ? given.quality : 1, given.target_error, given.bitrate / 1000};
   if (given.rank > 0) options.rank = static_cast<int>(std::min<std::uint32_t>(given.rank, 1u << 20));
   return options;
@@ -165,6 +192,9 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     if (*appearance) bake_options.appearance = &**appearance;
     const KnownMotion samples = motion_from(given, vertex_count);
     bake_options.samples = &samples;
+    const auto motion = motion_of_basis(given, bake_options.basis, vertex_count, samples);
+    if (!motion) return failed(motion.error());
+    if (is_of_motion(bake_options.basis)) bake_options.motion = &*motion;
     BakeProgress progress;
     if (given.progress != nullptr) {
       progress = [&given](double fraction, std::string_view stage) {

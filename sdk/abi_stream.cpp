@@ -23,9 +23,10 @@ Result<SurfaceStreamOptions> stream_options_from(const char* url, const ec_strea
     return fail(ErrorCode::kInvalidArgument,
                 "struct_size of the bake's or publisher's options is not set; use EC_INIT");
   const ec_bake_options bake = filled(given.bake);
-  if (bake.appearance != nullptr || bake.poses != nullptr || bake.progress != nullptr)
+  if (bake.appearance != nullptr || bake.poses != nullptr || bake.columns != nullptr || bake.progress != nullptr)
     return fail(ErrorCode::kInvalidArgument,
-                "a stream bakes later, in a thread: appearance, poses and progress are for ec_bake() and a publisher");
+                "a stream bakes later, in a thread: appearance, poses, columns and progress are for ec_bake() and a "
+                "publisher");
   SurfaceStreamOptions options;
   const auto baking = bake_options_from(bake);
   if (!baking) return baking.error();
@@ -111,6 +112,7 @@ ec_status ec_stream_get_stats(const ec_stream* stream, ec_stream_stats* stats) {
     result.poses_early = now.early;
     result.poses_superseded = now.superseded;
     result.poses_dropped = now.dropped;
+    result.poses_unusable = now.unusable;
     result.bytes_sent = now.bytes_sent;
     result.bakes = now.bakes;
     result.reconnects = now.publisher.reconnects;

@@ -25,6 +25,10 @@ constexpr milliseconds kLivePoll{5};
 /// Brokers take no higher one; such a limit says nothing of the program's rate.
 constexpr double kMostAnnouncedHz = 1000;
 constexpr TimeUs kFarewellUs = 1'000'000;
+/// Of a learnt range that is narrow for its values: what they are told apart by, over the largest.
+constexpr double kLeastErrorOverValue = 1e-6;
+/// What is smaller is noise, and what is larger a solver that blew up: streams can state neither for any surface.
+constexpr float kLeastLearnt = 1e-12F, kMostLearnt = 1e15F;
 
 /// A pose in the stream's own axes and units.
 struct StreamPose {
@@ -49,7 +53,10 @@ bool equal(std::span<const T> a, const std::vector<T>& b) {
 class ThreadedStream final : public SurfaceStream {
  public:
   ThreadedStream(SurfaceStreamOptions options, LogSink log)
-      : options_(std::move(options)), log_(std::move(log)), queue_(options_.max_rate_hz) {
+      : options_(std::move(options)),
+        log_(std::move(log)),
+        scalars_(options_.publisher.scalars),
+        queue_(options_.max_rate_hz) {
     worker_ = std::thread([this] { run(); });
   }
 
@@ -114,9 +121,7 @@ class ThreadedStream final : public SurfaceStream {
     now.baking = wanted_.has_value() || baking_;
     if (publisher_) {
       now.publisher = publisher_->stats();
-      now.frames_sent += now.publisher.frames_sent;
-      now.bytes_sent += now.publisher.payload_bytes;
-      now.dropped += now.publisher.frames_dropped;
+      count(now, now.publisher);
     }
     if (failure_) {
       now.detail = failure_->message;
@@ -136,9 +141,44 @@ class ThreadedStream final : public SurfaceStream {
  private:
   struct Job {
     Surface surface;
-    bool velocities = false;
     bool loose = false;  ///< See is_triangle_soup().
   };
+
+  /// Ranges of `scalars` for which the program gave none, from a pose that lies further out of them than they are wide;
+  /// false: there is nothing to learn.
+  bool learn(std::vector<Scalar>& scalars, std::span<const float> values) const {
+    bool learnt = false;
+    for (std::size_t k = 0; k < scalars.size(); ++k) {
+      const Scalar& given = options_.publisher.scalars[k];
+      if (given.low != given.high || given.error != 0) continue;
+      float low = values[k], high = values[k];
+      for (std::size_t i = k; i < values.size(); i += scalars.size()) {
+        low = std::min(low, values[i]);
+        high = std::max(high, values[i]);
+      }
+      if (low == high) {  // of a constant the range from 0
+        low = std::min(low, 0.0F);
+        high = std::max(high, 0.0F);
+      }
+      if (const float most = std::max(-low, high); low == high || most < kLeastLearnt || most > kMostLearnt) continue;
+      Scalar& known = scalars[k];
+      const double width = known.high - known.low;
+      if (width > 0 && low >= known.low - width && high <= known.high + width) continue;
+      known.low = width > 0 ? std::min<double>(known.low, low) : low;
+      known.high = width > 0 ? std::max<double>(known.high, high) : high;
+      known.error = std::max(kDefaultErrorOverDiagonal * (known.high - known.low),
+                             kLeastErrorOverValue * std::max(std::abs(known.low), std::abs(known.high)));
+      learnt = true;
+    }
+    return learnt;
+  }
+
+  static void count(Stats& stats, const Publisher::Stats& of) {
+    stats.frames_sent += of.frames_sent;
+    stats.bytes_sent += of.payload_bytes;
+    stats.dropped += of.frames_dropped;
+    stats.unusable += of.dropped_for[static_cast<std::size_t>(Publisher::DropReason::kUnusable)];
+  }
 
   Result<void> check(const Frame& frame) const {
     if (frame.points.empty() || frame.points.size() % 3 != 0)
@@ -149,8 +189,8 @@ class ThreadedStream final : public SurfaceStream {
     if (frame.scalars.size() != scalars)
       return fail(ErrorCode::kInvalidArgument, std::to_string(scalars) + " values of scalars were announced, " +
                                                    std::to_string(frame.scalars.size()) + " are given");
-    if (frame.time_s && !(std::abs(*frame.time_s) < 1e9))
-      return fail(ErrorCode::kInvalidArgument, "the time is not a number of seconds below 1e9");
+    if (frame.time_s && !(std::abs(*frame.time_s) < 1e11))
+      return fail(ErrorCode::kInvalidArgument, "the time is not a number of seconds below 1e11");
     return {};
   }
 
@@ -190,7 +230,6 @@ class ThreadedStream final : public SurfaceStream {
 
   Result<Job> job_of(const Frame& frame, const Topology& topology) const {
     Job job;
-    job.velocities = topology.velocities;
     StreamPose rest;
     if (const auto copied = copy(frame, rest); !copied) return copied.error();
     for (std::size_t i = 0; i < rest.points.size(); i += 3)
@@ -214,8 +253,16 @@ class ThreadedStream final : public SurfaceStream {
     if (const auto good = turned(frame.velocities, pose.velocities); !good)
       return in_context("velocities", good.error());
     pose.scalars.assign(frame.scalars.begin(), frame.scalars.end());
+    float none = 0;
+    for (const float value : frame.scalars) none += 0 * value;
     pose.held = false;
-    return {};
+    if (none == 0) return {};
+    const std::vector<Scalar>& scalars = options_.publisher.scalars;
+    const auto bad = static_cast<std::size_t>(
+        std::find_if(pose.scalars.begin(), pose.scalars.end(), [](float x) { return !std::isfinite(x); }) -
+        pose.scalars.begin());
+    return fail(ErrorCode::kInvalidArgument, "scalar " + scalars[bad % scalars.size()].name + " of point " +
+                                                 std::to_string(bad / scalars.size()) + " is not finite");
   }
 
   Result<void> turned(std::span<const float> from, std::vector<float>& to) const {
@@ -294,13 +341,67 @@ class ThreadedStream final : public SurfaceStream {
       if (queue_.size() > 0) pose.capture_us = std::min(pose.capture_us, queue_.front().capture_us - 1);
       time_.pass(pose.capture_us);
     }
-    const auto publisher = publisher_;
+    auto publisher = publisher_;
+    std::vector<Scalar> scalars = scalars_;
     lock.unlock();
+    if (learn(scalars, pose.scalars)) {
+      publisher.reset();
+      lock.lock();
+      scalars_ = std::move(scalars);
+      announce_anew(lock, std::move(pose));
+      return;
+    }
     const auto sent = publisher->send_pose({pose.points, pose.velocities, pose.scalars}, pose.capture_us);
     if (!sent) log(log_, LogLevel::kError, "pose not sent: " + sent.error().message);
     lock.lock();
-    if (!sent) ++stats_.dropped;
+    if (!sent) {
+      ++stats_.dropped;
+      ++stats_.unusable;
+    }
     spare_ = std::move(pose);
+  }
+
+  /// Streams state the ranges of scalars at their beginning: with those learnt from a pose it begins again.
+  void announce_anew(std::unique_lock<std::mutex>& lock, StreamPose pose) {
+    wake_.wait(lock, [this] { return !changing_; });
+    if (is_overtaken()) return;
+    changing_ = true;
+    ready_ = false;
+    if (queue_.size() > 0)
+      ++stats_.superseded;
+    else
+      begin_with(std::move(pose));
+    retire(lock);
+    if (auto made = create_publisher(lock)) {
+      publisher_ = std::move(*made);
+      ready_ = true;
+    } else {
+      failure_ = made.error();
+    }
+    changing_ = false;
+    wake_.notify_all();
+  }
+
+  /// Ends the publisher, with lock released.
+  void retire(std::unique_lock<std::mutex>& lock) {
+    auto before = std::exchange(publisher_, nullptr);
+    if (before) count(stats_, before->stats());
+    lock.unlock();
+    before.reset();
+    lock.lock();
+  }
+
+  /// Of the newest asset, with lock released.
+  Result<std::unique_ptr<Publisher>> create_publisher(std::unique_lock<std::mutex>& lock) {
+    PublisherOptions options = options_.publisher;
+    options.velocities = topology_.velocities;
+    options.scalars = scalars_;
+    const auto asset = asset_;
+    const auto encoded = encoded_;
+    lock.unlock();
+    auto made = Publisher::create(std::move(options), asset, encoded, log_);
+    lock.lock();
+    return made;
   }
 
   /// On a thread of its own, as a part of the basis is streamed with while the rest is made.
@@ -350,32 +451,39 @@ class ThreadedStream final : public SurfaceStream {
     const auto asset = std::make_shared<const Asset>(std::move(baked.asset));
     const auto encoded = std::make_shared<const EncodedAsset>(std::move(baked.encoded));
     std::unique_lock lock(mutex_);
+    wake_.wait(lock, [this] { return !changing_; });
     if (is_overtaken()) return fail(ErrorCode::kCancelled, "another topology came");
-    if (const auto publisher = ready_ ? publisher_ : nullptr) {
-      lock.unlock();
-      return publisher->change_to(asset, encoded);
-    }
-    auto before = std::exchange(publisher_, nullptr);
-    if (before) {
-      const Publisher::Stats end = before->stats();
-      stats_.frames_sent += end.frames_sent;
-      stats_.bytes_sent += end.payload_bytes;
-      stats_.dropped += end.frames_dropped;
-    }
+    changing_ = true;
+    asset_ = asset;
+    encoded_ = encoded;
+    const auto streamed = ready_ ? go_over(lock) : begin(lock, job, whole);
+    changing_ = false;
+    wake_.notify_all();
+    return streamed;
+  }
+
+  Result<void> go_over(std::unique_lock<std::mutex>& lock) {
+    auto publisher = publisher_;
+    const auto asset = asset_;
+    const auto encoded = encoded_;
     lock.unlock();
-    before.reset();
-    PublisherOptions options = options_.publisher;
-    options.velocities = job.velocities;
-    auto made = Publisher::create(std::move(options), asset, encoded, log_);
-    if (!made) return made.error();
+    auto changed = publisher->change_to(asset, encoded);
+    publisher.reset();
     lock.lock();
+    return changed;
+  }
+
+  Result<void> begin(std::unique_lock<std::mutex>& lock, const Job& job, bool whole) {
+    retire(lock);
+    if (queue_.size() > 0) (void)learn(scalars_, queue_.front().scalars);
+    auto made = create_publisher(lock);
+    if (!made) return made.error();
     if (is_overtaken()) return fail(ErrorCode::kCancelled, "another topology came");
     publisher_ = std::move(*made);
     ready_ = true;
     baking_ = !whole;
     stats_.loose_faces = job.loose;
     ++stats_.bakes;
-    wake_.notify_all();
     return {};
   }
 
@@ -393,6 +501,10 @@ class ThreadedStream final : public SurfaceStream {
   std::string stage_;
   std::optional<Error> failure_;  ///< Of the bake of topology_.
   std::shared_ptr<Publisher> publisher_;
+  std::shared_ptr<const Asset> asset_;  ///< The newest of topology_.
+  std::shared_ptr<const EncodedAsset> encoded_;
+  bool changing_ = false;        ///< One thread at a time gives the publisher another asset, or makes another one.
+  std::vector<Scalar> scalars_;  ///< As the present publisher announces them.
   PacedQueue<StreamPose> queue_;
   HostTime time_;
   StreamPose spare_;  ///< Its memory is used again.

@@ -15,8 +15,9 @@
 namespace eigencast {
 
 struct SurfaceStreamOptions {
-  PublisherOptions
-      publisher{};          ///< `velocities` are announced where the first pose has some; key_rate_hz is max_rate_hz.
+  /// `velocities` are announced where the first pose has some; key_rate_hz is max_rate_hz. Ranges of scalars that are
+  /// not known are learnt from the poses: one far outside what is known begins the stream again, without a bake.
+  PublisherOptions publisher{};
   BakeOptions bake{};       ///< Without motion, samples, appearance and first.
   std::string cache_dir{};  ///< As of bake().
   bool z_up = false;        ///< Points and velocities come with z up; a stream's y is.
@@ -53,6 +54,7 @@ class SurfaceStream {
     std::uint64_t topologies = 0;  ///< Topologies so far; more than bakes: some were gone before they were baked.
     std::uint64_t frames_sent = 0, bytes_sent = 0;
     std::uint64_t dropped = 0;     ///< By the publisher.
+    std::uint64_t unusable = 0;    ///< Of those: they cannot be coded.
     Publisher::Stats publisher{};  ///< Of the present surface.
     std::string detail;            ///< For people: what goes on, or why not.
   };

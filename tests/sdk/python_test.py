@@ -91,6 +91,26 @@ class Package(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, r"\(T, 256, 3\)"):
             eigencast.bake(self.positions, self.faces, cache_dir="", poses=poses[:, 1:])
 
+    def test_bases_of_a_known_motion_hold_it(self):
+        x = self.positions[:, 0]
+        poses = numpy.stack([self.positions + 0.2 * numpy.outer(numpy.sin(t / 3) * x ** 3 + numpy.cos(t / 3) * x ** 4, [0, 0, 1]) for t in range(12)])
+        cage = numpy.stack([(1 - x) ** 4, 4 * x * (1 - x) ** 3, 6 * x ** 2 * (1 - x) ** 2, 4 * x ** 3 * (1 - x), x ** 4], axis=1)  # of Bernstein
+        for basis, given in (("pca", {"poses": poses}), ("cage", {"columns": cage}), ("rig", {"columns": cage})):
+            with self.subTest(basis=basis):
+                asset, url = eigencast.bake(self.positions, self.faces, basis=basis, cache_dir="", **given), f"{self.origin}/{basis}"
+                self.assertLess(asset.rank, 12)
+                with eigencast.Publisher(url, asset, error=1e-5) as publisher:
+                    for pose in poses[::4]:
+                        self.watched(url, lambda: publisher.send(pose), lambda p: len(p.positions) == 256 and numpy.abs(p.in_source_order() - pose).max() < 1e-3)
+            self.assert_refused("INVALID_ARGUMENT", eigencast.bake, self.positions, self.faces, basis=basis, cache_dir="")
+        for wrong, said in ((cage[1:], r"\(256, k\)"), (cage * numpy.nan, "finite"), (numpy.ones((256, 3000)), "2048")):
+            with self.assertRaisesRegex((ValueError, eigencast.Error), said):
+                eigencast.bake(self.positions, self.faces, basis="cage", cache_dir="", columns=wrong)
+        plain, frames = (eigencast.bake(self.positions, self.faces, basis="harmonic", rank=30, cache_dir="", detail=detail).id for detail in ("none", "frames"))
+        self.assertNotEqual(plain, frames)
+        self.assertEqual(frames, eigencast.bake(self.positions, self.faces, basis="harmonic", rank=30, cache_dir="").id)
+        self.assert_refused("INVALID_ARGUMENT", eigencast.bake, self.positions, self.faces, basis="harmonic", cache_dir="", detail="much")
+
     def test_an_asset_is_saved_and_loaded(self):
         folder = pathlib.Path(self.folder.name) / "saved"
         self.asset.save(folder)
@@ -231,7 +251,7 @@ class Package(unittest.TestCase):
                 stream.wait_live(timeout=0)
             came = []
             for i, points in enumerate(shifted):
-                taken = stream.send(points, self.faces, scalars={"stress": 1e8 * x}, time_s=i / 30)
+                taken = stream.send(points, self.faces, scalars={"stress": 1e8 * x}, time_s=1.8e9 + i / 30)  # as clocks of Unix say it
                 self.assertIs(taken, eigencast.Taken.SENT if i else eigencast.Taken.BAKING)
                 end = time.monotonic() + 60
                 while len(came) <= i and time.monotonic() < end:
@@ -246,6 +266,18 @@ class Package(unittest.TestCase):
             self.assertLess(numpy.abs(pose.in_source_order() - sent).max(), 0.02)
         self.assertEqual([(s.name, s.unit) for s in came[-1].scalar_info], [("stress", "Pa")])
         self.assertLess(numpy.abs(came[-1].scalars[:, 0] - 1e8 * x[came[-1].source_vertex]).max(), 2e6)
+
+    def test_ranges_of_scalars_that_nobody_states_are_learnt(self):
+        url, x = self.origin + "/learnt", self.positions[:, 0]
+        with eigencast.Stream(url, rank=40, scalars={"pressure": None, "strain": None}, max_rate_hz=float("inf"), cache_dir="") as stream:
+            for pressure, strain in ((0, 0), (1e-20, 0), (1e-3, 0), (1e5, 1e-4), (2e5, 1e-4)):  # at rest; noise; then in Pa
+                pose = self.watched(url, lambda: stream.send(self.positions, self.faces, scalars={"pressure": pressure * x, "strain": strain * x}),
+                                    lambda p: len(p.positions) == 256 and abs(p.scalars[:, 0].max() - pressure * x.max()) <= 0.02 * pressure + 1e-9)
+                self.assertLess(numpy.abs(pose.scalars - numpy.outer(x, [pressure, strain])[pose.source_vertex]).max(axis=0)[1], 0.02 * strain + 1e-6)
+            low, high = pose.scalar_info[0].low, pose.scalar_info[0].high
+            self.assertEqual((stream.stats.poses_dropped, stream.stats.bakes), (0, 1))
+        self.assertLessEqual(low, 0)
+        self.assertAlmostEqual(high, 1e5 * x.max(), delta=1)
 
     def test_a_stream_knows_other_faces_by_their_content(self):
         with eigencast.Stream(self.origin + "/faces", rank=20, max_rate_hz=1e6, cache_dir="") as stream:
@@ -267,6 +299,26 @@ class Package(unittest.TestCase):
             self.assert_refused("INVALID_ARGUMENT", stream.send, self.positions, self.faces[::-1])
             with self.assertRaisesRegex(ValueError, "scalars"):
                 stream.send(self.positions, scalars={"heat": self.positions[:, 0]})
+
+    def test_what_a_stream_cannot_mean_is_refused_and_it_goes_on(self):
+        points, faces, heat = self.positions, self.faces, self.positions[:, 0]
+        with eigencast.Stream(self.origin + "/odd", rank=20, scalars={"heat": None}, cache_dir="") as stream:
+            for wrong, said in (({"points": points.T}, r"\(n, 3\)"), ({"points": points * numpy.inf}, "finite"), ({"points": points[:0], "scalars": {"heat": heat[:0]}}, "points"),
+                                ({"faces": faces[:, :2]}, "corners"), ({"faces": faces + 1}, "256"), ({"faces": faces.astype(float)}, "whole numbers"),
+                                ({"faces": None, "offsets": [0, 3]}, "faces"), ({"scalars": {"heat": heat[1:]}}, r"heat.*256"),
+                                ({"scalars": {"heat": numpy.where(heat > 0.5, numpy.nan, heat)}}, "heat of point 9 "), ({"scalars": 1.0}, r"\(256, 1\)"),
+                                ({"time_s": numpy.inf}, "time")):
+                with self.subTest(wrong=wrong.keys()), self.assertRaisesRegex((ValueError, eigencast.Error), said):
+                    stream.send(**{"points": points, "faces": faces, "scalars": {"heat": heat}, **wrong})
+            strided = numpy.asfortranarray(numpy.repeat(points, 2, axis=0)).astype(object)[::2]
+            self.assertIs(stream.send(strided, faces[:, ::-1][:, ::-1].astype(numpy.int16), scalars={"heat": heat}), eigencast.Taken.BAKING)
+            self.assertTrue(stream.wait_live())
+            with self.assertRaises(eigencast.Error):
+                stream.send(points, scalars={"heat": heat * numpy.nan})
+            self.assertIs(stream.send(points, scalars={"heat": heat}), eigencast.Taken.SENT)
+        for wrong in ({"scale": 0}, {"rank": -1}, {"scalars": {"a": 5}}):
+            with self.subTest(wrong=wrong), self.assertRaises(ValueError):
+                eigencast.Stream(self.origin + "/odd", **wrong)
 
     def test_a_stream_survives_fork_exceptions_and_the_end_of_the_interpreter(self):
         program = '''

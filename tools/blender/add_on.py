@@ -177,7 +177,8 @@ class Live:
         stats = self.stats
         lines = [f"{stats.poses_sent} poses sent, {stats.bytes_sent / 1e3:.0f} kB"] + ([f"{stats.bakes} surfaces"] if stats.bakes > 1 else [])
         for count, why in ((stats.poses_early, "above the limit: newer ones went"), (stats.poses_superseded, "before bake or connection"),
-                           (stats.poses_dropped, "dropped: the link is behind"), (self.skipped_poses, "skipped")):
+                           (stats.poses_dropped - stats.poses_unusable, "dropped: the link is behind"),
+                           (stats.poses_unusable, f"dropped: {stats.detail}"), (self.skipped_poses, "skipped")):
             if count:
                 lines.append(f"{count} {why}")
         return lines

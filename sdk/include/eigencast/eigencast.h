@@ -95,7 +95,8 @@ typedef struct ec_appearance {
 
 typedef struct ec_bake_options {
   size_t struct_size;
-  const char* basis; /**< "augmented" or "harmonic" (default: "augmented"). */
+  const char* basis; /**< "augmented", "harmonic", "pca" of `poses`, "rig" or "cage" of `columns` (default:
+                        "augmented"). */
   uint32_t rank;     /**< Coefficients per axis (default: by a trial where there are poses or a wish, else 200; less
                         on surfaces too small for that). */
   const char* name;  /**< Of the surface, for people (default: ""). */
@@ -111,9 +112,15 @@ typedef struct ec_bake_options {
   double target_error; /**< The fewest bits at this rms vertex error of basis and coding together, over the diagonal. */
   double bitrate;      /**< The least error at so many bits a second. */
   const float* poses;  /**< pose_count x vertex_count x 3: an example of the motion, to choose by (default: deformations
-                          of the surface). */
+                          of the surface), or what a pca basis learns. */
   uint32_t pose_count;
-  double pose_rate_hz; /**< Poses a second (default: 30). */
+  double pose_rate_hz;   /**< Poses a second (default: 30). */
+  const double* columns; /**< vertex_count x column_count, row-major: each coordinate of every pose is a combination of
+                            them, as of the vertices of a cage by its coordinates, or of bones by w and w p (default:
+                            none). */
+  uint32_t column_count; /**< At most 2048. */
+  const char* detail;    /**< "none", "normal" or "frames": how what a harmonic or pca basis leaves out of the rest pose
+                            comes back (default: "frames" for harmonic, else "none"). */
 } ec_bake_options;
 
 typedef struct ec_asset_info {
@@ -309,8 +316,7 @@ typedef struct ec_frame {
       corners; /**< Point numbers of triangles, 3 each, or of polygons; null: all as in the frame before, or a
                               point cloud where there was none. Compared by content. */
   size_t corner_count;
-  const uint64_t*
-      offsets; /**< Where polygons begin, then corner_count; they are fanned once (default: triangles).
+  const uint64_t* offsets; /**< Where polygons begin, then corner_count; they are fanned once (default: triangles).
                             */
   size_t offset_count;
   const float* scalars;    /**< point_count x as many as the publisher's options have. */
@@ -328,7 +334,8 @@ typedef struct ec_stream_stats {
   uint64_t poses_sent;       /**< To the broker. Taken ones that are not here or below wait for a moment. */
   uint64_t poses_early;      /**< Left out: a newer one came before max_rate_hz let them out. */
   uint64_t poses_superseded; /**< Left out: a newer one came before there was a basis and a connection. */
-  uint64_t poses_dropped;    /**< Left out by the publisher: the link is behind or gone. */
+  uint64_t poses_dropped;    /**< Left out by the publisher: the link is behind or gone, or: */
+  uint64_t poses_unusable;   /**< Of those: they cannot be coded; `detail` says why. */
   uint64_t bytes_sent;
   uint64_t bakes; /**< Surfaces so far. */
   uint64_t reconnects;

@@ -47,7 +47,7 @@ struct Appearance {
 };
 
 struct BakeOptions {
-  std::string basis = "augmented";                         ///< or "harmonic"
+  std::string basis = "augmented";                         ///< See ec_bake_options.
   std::uint32_t rank = 0;                                  ///< Coefficients per axis; 0: see ec_bake_options.
   std::string name = {};                                   ///< Of the surface, for people.
   std::optional<std::string> cache_dir = {};               ///< Empty text: nowhere (default: the user's cache folder).
@@ -57,6 +57,8 @@ struct BakeOptions {
   double quality = 0, target_error = 0, bitrate = 0;       ///< Without a rank: see ec_bake_options.
   std::span<const float> poses = {};                       ///< An example of the motion: 3 per vertex and pose.
   double pose_rate_hz = 30;
+  std::span<const double> columns = {};    ///< Of a rig or cage: as many per vertex as there are columns.
+  std::optional<std::string> detail = {};  ///< See ec_bake_options.
 };
 
 /// A surface that can be streamed. Cheap to copy: copies share it. Thread-safe: immutable.
@@ -82,6 +84,12 @@ class Asset {
     c_options.pose_count =
         static_cast<std::uint32_t>(options.poses.size() / std::max<std::size_t>(positions.size(), 1));
     c_options.pose_rate_hz = options.pose_rate_hz;
+    const std::size_t vertices = std::max<std::size_t>(positions.size() / 3, 1);
+    if (options.columns.size() % vertices != 0)
+      throw std::invalid_argument("Asset::bake: columns are not as many for each vertex");
+    c_options.columns = options.columns.data();
+    c_options.column_count = static_cast<std::uint32_t>(options.columns.size() / vertices);
+    c_options.detail = options.detail ? options.detail->c_str() : nullptr;
     if (options.progress) {
       c_options.progress = [](void* user, double fraction, const char* stage) {
         return static_cast<const BakeOptions*>(user)->progress(fraction, stage) ? 0 : 1;

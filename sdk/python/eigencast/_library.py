@@ -56,7 +56,8 @@ class Appearance(Sized):
 class BakeOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("basis", c_char_p), ("rank", c_uint32), ("name", c_char_p), ("cache_dir", c_char_p),
                 ("progress", PROGRESS), ("user", c_void_p), ("appearance", POINTER(Appearance)), ("solver", c_char_p), ("quality", c_double),
-                ("target_error", c_double), ("bitrate", c_double), ("poses", POINTER(c_float)), ("pose_count", c_uint32), ("pose_rate_hz", c_double)]
+                ("target_error", c_double), ("bitrate", c_double), ("poses", POINTER(c_float)), ("pose_count", c_uint32), ("pose_rate_hz", c_double),
+                ("columns", POINTER(c_double)), ("column_count", c_uint32), ("detail", c_char_p)]
 
 
 class AssetInfo(Sized):
@@ -99,7 +100,7 @@ class Frame(Sized):
 class StreamStats(Sized):
     _fields_ = [("struct_size", c_size_t), ("live", c_int), ("baking", c_int), ("loose_faces", c_int), ("subscribers", c_uint32),
                 ("poses_taken", c_uint64), ("poses_sent", c_uint64), ("poses_early", c_uint64), ("poses_superseded", c_uint64),
-                ("poses_dropped", c_uint64), ("bytes_sent", c_uint64), ("bakes", c_uint64), ("reconnects", c_uint64), ("detail", c_char_p)]
+                ("poses_dropped", c_uint64), ("poses_unusable", c_uint64), ("bytes_sent", c_uint64), ("bakes", c_uint64), ("reconnects", c_uint64), ("detail", c_char_p)]
 
 
 class PublisherStats(Sized):

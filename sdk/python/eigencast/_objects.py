@@ -91,7 +91,8 @@ def _checked(what, values, shape, dtype):
 
 
 def bake(positions, faces=None, *, rank=None, basis="augmented", name="", cache_dir=None, progress=None, vertex_colours=None, image=None,
-         corner_uv=None, vertex_uv=None, solver="lanczos", quality=None, target_error=None, bitrate=None, poses=None, pose_rate_hz=30):
+         corner_uv=None, vertex_uv=None, solver="lanczos", quality=None, target_error=None, bitrate=None, poses=None, pose_rate_hz=30,
+         columns=None, detail=None):
     """Bakes a surface: seconds for tens of thousands of vertices, nothing when it is in the cache.
 
       positions  (n, 3)
@@ -101,7 +102,11 @@ def bake(positions, faces=None, *, rank=None, basis="augmented", name="", cache_
       target_error the fewest bits at this rms vertex error of basis and coding together, over the diagonal
       bitrate      the least error at so many bits a second
       poses      (T, n, 3): an example of the motion, pose_rate_hz of them a second (default: deformations of the surface)
-      basis      "augmented" or "harmonic"
+      basis      "augmented", "harmonic", "pca" (of poses), "rig" or "cage" (of columns)
+      columns    (n, k): each coordinate of every pose is a combination of them, as of a cage's vertices by its coordinates, or of bones by
+                 their weights w and w p
+      detail     how what a harmonic or pca basis leaves out of the rest pose comes back: "none", "normal", "frames" (default: "frames" for
+                 harmonic)
       solver     "lanczos", or "spectra" for small surfaces
       cache_dir  where results are kept and found again; "" for nowhere (default: the user's cache folder)
       progress   called with a fraction and a stage; what it raises ends the bake and is raised again
@@ -143,8 +148,14 @@ def bake(positions, faces=None, *, rank=None, basis="augmented", name="", cache_
     given = None if poses is None else numpy.ascontiguousarray(poses, dtype=numpy.float32)
     if given is not None and given.shape[1:] != (n, 3):
         raise ValueError(f"poses must be (T, {n}, 3), not {given.shape}")
+    spanning = None if columns is None else numpy.ascontiguousarray(columns, dtype=numpy.float64)
+    if spanning is not None and (spanning.ndim != 2 or len(spanning) != n):
+        raise ValueError(f"columns must be ({n}, k), not {spanning.shape}")
     options = _library.BakeOptions(basis=_text(basis), rank=rank or 0, quality=quality or 0, target_error=target_error or 0, bitrate=bitrate or 0,
-                                   pose_rate_hz=pose_rate_hz, pose_count=0 if given is None else len(given), name=_text(name), cache_dir=_text(cache_dir), solver=_text(solver))
+                                   pose_rate_hz=pose_rate_hz, pose_count=0 if given is None else len(given), name=_text(name), cache_dir=_text(cache_dir), solver=_text(solver),
+                                   detail=_text(detail), column_count=0 if spanning is None else spanning.shape[1])
+    if spanning is not None:
+        options.columns = _pointer(spanning, ctypes.c_double)
     options.appearance = ctypes.pointer(appearance)
     if given is not None:
         options.poses = _pointer(given, ctypes.c_float)

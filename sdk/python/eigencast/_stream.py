@@ -40,7 +40,8 @@ class StreamStats:
     poses_sent: int  #: taken ones that are not here or below wait for a moment
     poses_early: int  #: a newer one came before max_rate_hz let them out
     poses_superseded: int  #: a newer one came before there was a basis and a connection
-    poses_dropped: int  #: the link is behind or gone
+    poses_dropped: int  #: the link is behind or gone, or:
+    poses_unusable: int  #: of those: they cannot be coded; detail says why
     bytes_sent: int
     bakes: int
     reconnects: int
@@ -51,7 +52,10 @@ def _scalar(name, given):
     """(low, high[, unit]), a Scalar, or None where nothing is known."""
     if given is None or isinstance(given, Scalar):
         return given or Scalar(name)
-    low, high, unit = (*given, "")[:3]
+    try:
+        low, high, unit = (*given, "")[:3]
+    except (TypeError, ValueError):
+        raise ValueError(f"scalar {name} must be (low, high, unit), a Scalar or None, not {given!r}") from None
     return Scalar(name, unit, low, high)
 
 
@@ -61,7 +65,8 @@ class Stream(_Object):
 
       rank         coefficients per axis; basis, name, target_error, cache_dir: as of bake()
       up, scale    "y" or "z": the axis that is up in what is sent, and its units in the stream's
-      scalars      what rides on each point: {name: (low, high, unit)}, None for an unknown range
+      scalars      what rides on each point: {name: (low, high, unit)}; None: the range is learnt, and a pose far outside of it begins the
+                   stream anew, without a bake
       max_rate_hz  of poses that come faster the newest waits for its turn; math.inf: no limit
       on_topology  other faces than the first are another surface ("rebake") or an error ("raise")
       error, bitrate, memory, token and the files of TLS: as of Publisher
@@ -76,6 +81,8 @@ class Stream(_Object):
             raise ValueError("on_topology must be rebake or raise")
         if not max_rate_hz > 0:
             raise ValueError("max_rate_hz must be above 0; math.inf is no limit")
+        if not scale > 0 or (rank or 0) < 0:
+            raise ValueError("scale must be above 0, and rank at least 0")
         known = [_scalar(name, given) for name, given in dict(scalars or {}).items()]
         c_scalars = (_library.Scalar * len(known))(*((_text(s.name), _text(s.unit), s.low, s.high, s.error) for s in known))
         bake = _library.BakeOptions(rank=0 if target_error else rank or 0, basis=_text(basis), name=_text(name), target_error=target_error or 0,
@@ -108,6 +115,8 @@ class Stream(_Object):
             raise ValueError(f"points must be (n, 3), not {rows.shape}")
         n = len(rows)
         frame = _library.Frame(point_count=n, points=_pointer(rows, ctypes.c_float))
+        if faces is None and offsets is not None:
+            raise ValueError("offsets say where the polygons of faces begin: give faces as well")
         if faces is not None and (topology is None or topology != self._topology):
             corners, starts = self._polygons(faces, offsets)
             frame.corners, frame.corner_count = _pointer(corners, ctypes.c_uint32), corners.size
@@ -136,6 +145,8 @@ class Stream(_Object):
             raise ValueError(f"faces must be (F, 3) or (P, k), not {corners.shape}, or have offsets")
         if corners.size == 0 or corners.shape[1] == 3:
             return corners, None
+        if corners.shape[1] < 3:
+            raise ValueError(f"a face has three corners or more, not {corners.shape[1]}")
         return corners, numpy.arange(0, corners.size + 1, corners.shape[1], dtype=numpy.uint64)
 
     def _values(self, scalars, n):
@@ -147,11 +158,15 @@ class Stream(_Object):
         if isinstance(scalars, dict):
             if set(scalars) != set(self._scalars):
                 raise ValueError(f"scalars {self._scalars} were announced, not {sorted(scalars)}")
-            scalars = numpy.stack([numpy.asarray(scalars[name]) for name in self._scalars], axis=-1)
-        values = numpy.ascontiguousarray(scalars, dtype=numpy.float32).reshape(n, -1)
-        if values.shape != (n, len(self._scalars)):
+            columns = [numpy.asarray(scalars[name]) for name in self._scalars]
+            for name, column in zip(self._scalars, columns):
+                if column.size != n:
+                    raise ValueError(f"scalar {name} must be {(n,)}, not {column.shape}")
+            scalars = numpy.stack([column.reshape(n) for column in columns], axis=-1)
+        values = numpy.ascontiguousarray(scalars, dtype=numpy.float32)
+        if values.size != n * len(self._scalars):
             raise ValueError(f"scalars must be {(n, len(self._scalars))}, not {values.shape}")
-        return values
+        return values.reshape(n, -1)
 
     def wait_live(self, timeout=60.0):
         """Waits at most `timeout` seconds until poses go out; False: not yet. Raises Error (refused, the bake failed, nothing was sent)."""

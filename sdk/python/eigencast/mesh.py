@@ -14,8 +14,14 @@ from ._library import LIBRARY, check
 def _numbers(values, dtype, what):
     """As the library takes them, which has no negative numbers."""
     given = numpy.asarray(values)
-    if given.size and (given.dtype.kind not in "iu" or given.min() < 0 or given.max() > numpy.iinfo(dtype).max):
-        raise ValueError(f"{what} must be whole numbers from 0 on")
+    if given.size and given.dtype.kind not in "iu":
+        raise ValueError(f"{what} must be whole numbers from 0 on, not {given.dtype}")
+    if given.size and given.dtype != dtype:
+        # Negative ones are the largest as unsigned: one look finds both, and 32 bits need no copy.
+        most, given = min(numpy.iinfo(given.dtype).max, numpy.iinfo(dtype).max), given.astype(given.dtype.newbyteorder("="), copy=False)
+        given = given.view(f"u{given.itemsize}")
+        if given.max() > most:
+            raise ValueError(f"{what} must be whole numbers from 0 on")
     return numpy.ascontiguousarray(given, dtype=dtype)
 
 

@@ -228,6 +228,31 @@ TEST(SurfaceStream, WhatCannotBeMeantIsRefusedAndTheStreamGoesOn) {
   EXPECT_EQ(SurfaceStream::create(options).error().code, ErrorCode::kInvalidArgument);
 }
 
+TEST(SurfaceStream, RangesThatNobodyStatesAreLearntWithoutABake) {
+  LoopbackBroker broker;
+  const Host ball(make_icosphere(2));
+  auto options = options_for(broker.url("live/ball"));
+  options.publisher.scalars = {{"pressure"}};
+  const auto stream = made(std::move(options));
+  const std::vector<float> still(ball.points.size() / 3, 0);
+  std::vector<float> pressure(still.size());
+  for (std::size_t i = 0; i < pressure.size(); ++i) pressure[i] = 1e5F * ball.points[3 * i];
+  auto frame = frame_of(ball.points, ball);
+  for (const std::vector<float>& scalars : {still, pressure}) {
+    frame.scalars = scalars;
+    const auto before = stream->stats().frames_sent;
+    ASSERT_TRUE(stream->send(frame));
+    ASSERT_TRUE(eventually([&] { return stream->stats().frames_sent > before; })) << stream->stats().detail;
+  }
+  EXPECT_EQ(stream->stats().bakes, 1u);
+  EXPECT_EQ(stream->stats().unusable, 0u);
+  pressure[7] = std::numeric_limits<float>::quiet_NaN();
+  frame.scalars = pressure;
+  const auto bad = stream->send(frame);
+  ASSERT_FALSE(bad);
+  EXPECT_EQ(bad.error().code, ErrorCode::kInvalidArgument);
+}
+
 TEST(SurfaceStream, ItsEndGivesUpABakeAndSendsWhatWaits) {
   LoopbackBroker broker;
   const Host large(make_icosphere(6));
