@@ -131,6 +131,7 @@ class Results(host.HostTest):
         for name, text, said in (("none.frd", b"", "no nodes"), ("cut.frd", b"".join(lines[:40]), "does not end"),
                                  ("binary.frd", whole.replace(lines[11].rstrip(), lines[11].rstrip()[:-1] + b"2"), "binary"),
                                  ("letters.frd", whole.replace(lines[12], lines[12].replace(b"0.00000E+00", b"zero.0E+000")), "lines 13 to"),
+                                 ("nan.frd", whole.replace(b" 0.00000E+00", b"         NaN", 1), "step 1: the positions are not all finite"),
                                  ("node.frd", whole.replace(b" -2       101", b" -2       999", 1), "node 999"),
                                  ("type.frd", re.sub(rb"( -1         1 {4})1", rb"\g<1>9", whole, count=1), "type 9|not 4 nodes")):
             with self.subTest(name=name):

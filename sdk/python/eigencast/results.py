@@ -278,8 +278,11 @@ def main(words=None):
             return poses(result, given.displacement, given.exaggerate, list(units))
 
         ranges, steps = {}, 0
-        for _, values in again()[1]:  # all of it, so that a bad step is found before the first is sent, and for the ranges
+        for points, values in again()[1]:  # all of it, so that a bad step is found before the first is sent, and for the ranges
             steps += 1
+            for name, column in {"positions": points, **values}.items():
+                if not numpy.isfinite(column).all():
+                    raise ValueError(f"step {steps}: the {name} are not all finite")
             for name, column in values.items():
                 low, high = ranges.get(name, (numpy.inf, -numpy.inf))
                 ranges[name] = min(low, float(column.min())), max(high, float(column.max()))
