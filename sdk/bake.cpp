@@ -318,6 +318,17 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   return asset;
 }
 
+/// Hashes what a bake is made of but where its surface lies; nothing: its chunks depend on that, too.
+std::optional<Sha256> shape_of(const Surface& surface, const PlannedAppearance& appearance,
+                               const BakeOptions& options) {
+  if (surface.is_point_cloud() || options.basis != BasisKind::kAugmented || options.wish || options.motion != nullptr ||
+      detail_of(options) != DetailKind::kNone)
+    return std::nullopt;
+  const Surface nowhere{std::vector<Vec3>(surface.vertex_count()), surface.faces};
+  const auto key = key_of(nowhere, {}, appearance, options, nullptr);
+  return key ? std::optional(*key) : std::nullopt;
+}
+
 /// In clips of people, animals and faces coefficient k (from 1) never was larger than 0.3 k^-1.2 diagonal sqrt(area)
 /// beyond the affine ones, and mostly half that. What a learned basis meets is known: twice the root mean square, or as
 /// much as leaves a column steps of an eighth of its entries: columns stay independent.
@@ -533,6 +544,11 @@ Result<BakeResult> bake(const Surface& given, const BakeOptions& options, const 
         return std::move(*found);
       }
     }
+    const auto shape = cache_dir.empty() ? std::nullopt : shape_of(surface, appearance, to_do);
+    if (auto moved = shape ? load_moved(cache, *shape, surface) : std::nullopt) {
+      stages.at(1, "found in the cache, moved");
+      return std::move(*moved);
+    }
     auto result = bake_afresh(surface, poses, appearance, to_do, judges, stages);
     // More columns may do. (Fewer than asked for are all that the surface has.)
     if (result && result->trial && !result->trial->is_met() && !result->trial->is_rate &&
@@ -543,7 +559,9 @@ Result<BakeResult> bake(const Surface& given, const BakeOptions& options, const 
     if (!result) return result;
     if (!cache_dir.empty()) {
       // Minutes of work are not thrown away because a disk is full.
-      if (const auto stored = store_bake(cache, *key, *result); !stored) result->not_kept = stored.error().message;
+      auto stored = store_bake(cache, *key, *result);
+      if (stored && shape) stored = store_place(cache, *shape, *key, surface);
+      if (!stored) result->not_kept = stored.error().message;
     }
     stages.at(1, "done");
     return result;

@@ -52,6 +52,13 @@ void settle_coding(RankTrial& trial, const Asset& asset, const Laplacian& laplac
 
 Result<void> store_bake(const AssetCache& cache, const Sha256& key, const BakeResult& result);
 
+/// Where and how the surface of the bake lies under `key`, for load_moved().
+///   shape  hashes what else the bake was made of
+Result<void> store_place(const AssetCache& cache, const Sha256& shape, const Sha256& key, const Surface& surface);
+/// What was baked last under `shape`, if `surface` is that one turned and shifted: with its rest pose there. Its bytes
+/// are another manifest over the same chunks.
+std::optional<BakeResult> load_moved(const AssetCache& cache, const Sha256& shape, const Surface& surface);
+
 struct BakeFacts {
   const Surface& surface;
   std::size_t poses;  ///< That its levels of detail were made for, beside the rest pose.

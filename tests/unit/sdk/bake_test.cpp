@@ -99,6 +99,36 @@ TEST(Bake, LevelsUseReadablePosesOfTheMotion) {
   EXPECT_TRUE(bake(surface, options, cache.path().string())->from_cache);
 }
 
+TEST(Bake, ARestPoseThatWasMovedRigidlyIsNotBakedAgain) {
+  const TemporaryFolder cache;
+  const Surface surface = make_torus(40, 20, 1.0, 0.4);
+  const auto first = bake(surface, of_rank(60), cache.path().string());
+  ASSERT_TRUE(first);
+  Surface moved = surface, mirrored = surface, bent = surface;
+  for (Vec3& p : moved.positions) {  // as a program of floats has it: a turn by 3-4-5, and a shift
+    const Vec3 turned{0.6 * p[0] - 0.8 * p[2] + 3, p[1] - 2, 0.8 * p[0] + 0.6 * p[2] + 7};
+    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] = static_cast<float>(turned[axis]);
+  }
+  for (Vec3& p : mirrored.positions) p[0] = -p[0] + 0.01 * p[1] * p[1] * p[1];
+  for (Vec3& p : bent.positions) p[1] += 0.01 * p[0] * p[0];
+  const auto found = bake(moved, of_rank(60), cache.path().string());
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(found->from_cache);
+  expect_sound(moved, *found);
+  EXPECT_NE(found->encoded.manifest.id, first->encoded.manifest.id);
+  EXPECT_NEAR(found->asset.origin[1], -2, 1e-4);
+  const auto decoded = decode_asset(found->encoded);
+  ASSERT_TRUE(decoded);
+  EXPECT_EQ(decoded->rest, found->asset.rest);
+  EXPECT_EQ(decoded->origin, found->asset.origin);
+  ASSERT_EQ(found->encoded.chunks.size(), first->encoded.chunks.size());
+  for (std::size_t i = 0; i < found->encoded.chunks.size(); ++i)
+    EXPECT_EQ(found->encoded.chunks[i].id, first->encoded.chunks[i].id);
+  for (const Surface* other : {&mirrored, &bent})
+    EXPECT_FALSE(bake(*other, of_rank(60), cache.path().string())->from_cache);
+  EXPECT_FALSE(bake(moved, of_rank(50), cache.path().string())->from_cache);
+}
+
 TEST(Bake, FacesArePermutedSourceFaces) {
   const Surface surface = make_icosphere(2);
   const auto result = bake(surface, of_rank(20));
