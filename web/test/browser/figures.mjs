@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: MIT
 //
-// figures.mjs [WHAT...]: the figures of docs/performance/web.md that take a browser (first, link, horses, hidden, phone, wall: all of them). The horse
+// figures.mjs [WHAT...]: the figures of docs/performance/web.md that take a browser (first, link, horses, hidden, phone, wall, recording: all of them). The horse
 // gallops from EIGENCAST_DATA_DIR; EIGENCAST_BIN, EIGENCAST_WEB_BUILD; LOADS: of a page, each with a profile of its own (20).
 import { spawnSync } from 'node:child_process';
-import { existsSync, readFileSync } from 'node:fs';
+import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
 import { createServer } from 'node:http';
 import { join } from 'node:path';
-import { fileURLToPath } from 'node:url';
-import { Programs } from '../system/programs.mjs';
+import { fileURLToPath, pathToFileURL } from 'node:url';
+import { BIN, Programs } from '../system/programs.mjs';
 import { until } from '../unit/fake_broker.mjs';
 import { startChromium } from './chromium.mjs';
-import { hasState } from './looks.mjs';
+import { PRINT, hasState } from './looks.mjs';
 
-const wanted = process.argv.length > 2 ? process.argv.slice(2) : ['first', 'link', 'horses', 'hidden', 'phone', 'wall'];
+const wanted = process.argv.length > 2 ? process.argv.slice(2) : ['first', 'link', 'horses', 'hidden', 'phone', 'wall', 'recording'];
 const LOADS = Number(process.env.LOADS ?? 20), SWIFTSHADER = ['--use-angle=swiftshader', '--enable-unsafe-swiftshader'];
 const HORSE = join(process.env.EIGENCAST_DATA_DIR ?? '', 'animations/horse-gallop');
 const part = (values, of) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(of * values.length))];
@@ -170,6 +170,36 @@ const FIGURES = {
     await tab.until(hasState('live'), 60_000);
     await sleep(3000);
     console.log(`phone (390 x 844, a quarter of the processor): first picture ${said(first)}; main thread: ${await mainThread(tab, 5)}`);
+    await chromium.stop();
+  },
+  /** An hour of the horse in one file: how large, how soon it plays, and how soon the picture of any other time is there. */
+  async recording() {
+    const recorder = await programs.broker(0, '--recording-streams=**', '--recording-include-asset=true');
+    await programs.sender(recorder, 'horse', HORSE, '--frames', '1350').ended;
+    await recorder.stop();
+    const folder = readdirSync(programs.folder).map((name) => join(programs.folder, name, 'recordings')).find((path) => existsSync(path) && readdirSync(path).length > 0);
+    const part45s = join(folder, readdirSync(folder)[0]), hour = join(programs.folder, 'hour.ecrec'), page = join(programs.folder, 'hour.html');
+    for (const words of [['cut', ...Array(80).fill(part45s), '--to', hour], ['export', hour, '--to', page, '--no-progress']])
+      spawnSync(join(BIN, 'eigencast-sender'), words, { stdio: ['ignore', 'ignore', 'inherit'] });
+    const chromium = await startChromium(), tab = await chromium.tab(), begun = Date.now();
+    await tab.size(320, 200);
+    await tab.open(pathToFileURL(page).href);
+    await tab.until("Number(document.querySelector('.timeline input').value) > 0");
+    const opened = Date.now() - begun;
+    await tab.evaluate("document.querySelector('.timeline button').click()");
+    await sleep(500);
+    const sought = await tab.evaluate(`(async () => {
+      const bar = document.querySelector('.timeline input'), all = [];
+      for (let i = 0; i < 200; ++i) {
+        const before = ${PRINT}, from = performance.now();
+        bar.value = (Number(bar.max) * ((7919 * i) % 200)) / 200;
+        bar.dispatchEvent(new Event('input'));
+        while (${PRINT} === before && performance.now() - from < 3000) await new Promise((resolve) => setTimeout(resolve, 1));
+        all.push(performance.now() - from);
+      }
+      return all;
+    })()`);
+    console.log(`an hour of the horse: ${(statSync(page).size / 1e6).toFixed(1)} MB (recording ${(statSync(hour).size / 1e6).toFixed(1)}), plays after ${opened} ms; 200 positions: ${said(sought)}`);
     await chromium.stop();
   },
   async wall() {
