@@ -303,7 +303,7 @@ class Package(unittest.TestCase):
     def test_what_a_stream_cannot_mean_is_refused_and_it_goes_on(self):
         points, faces, heat = self.positions, self.faces, self.positions[:, 0]
         with eigencast.Stream(self.origin + "/odd", rank=20, scalars={"heat": None}, cache_dir="") as stream:
-            for wrong, said in (({"points": points.T}, r"\(n, 3\)"), ({"points": points * numpy.inf}, "finite"), ({"points": points[:0], "scalars": {"heat": heat[:0]}}, "points"),
+            for wrong, said in (({"points": points.T}, r"\(n, 3\)"), ({"points": points + numpy.inf}, "finite"), ({"points": points[:0], "scalars": {"heat": heat[:0]}}, "points"),
                                 ({"faces": faces[:, :2]}, "corners"), ({"faces": faces + 1}, "256"), ({"faces": faces.astype(float)}, "whole numbers"),
                                 ({"faces": None, "offsets": [0, 3]}, "faces"), ({"scalars": {"heat": heat[1:]}}, r"heat.*256"),
                                 ({"scalars": {"heat": numpy.where(heat > 0.5, numpy.nan, heat)}}, "heat of point 9 "), ({"scalars": 1.0}, r"\(256, 1\)"),

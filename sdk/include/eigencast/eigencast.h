@@ -208,7 +208,7 @@ typedef struct ec_publisher ec_publisher;
 typedef struct ec_scalar {
   const char* name; /**< 1 to 64 of letters, digits, '.', '_' and '-'; differs from the others. */
   const char* unit; /**< At most 16 bytes; null: none. */
-  double low, high; /**< The range to expect, for colours; equal: unknown. */
+  double low, high; /**< The range to expect, for colours; equal: unknown, and learnt by an ec_stream. */
   double error;     /**< Root mean square error that quantising may add, in its unit; 0: a thousandth of the range, or,
                        without one, that of positions. Of a subscriber: 0. */
 } ec_scalar;

@@ -166,7 +166,7 @@ class Stream(_Object):
         values = numpy.ascontiguousarray(scalars, dtype=numpy.float32)
         if values.size != n * len(self._scalars):
             raise ValueError(f"scalars must be {(n, len(self._scalars))}, not {values.shape}")
-        return values.reshape(n, -1)
+        return values.reshape(n, len(self._scalars))
 
     def wait_live(self, timeout=60.0):
         """Waits at most `timeout` seconds until poses go out; False: not yet. Raises Error (refused, the bake failed, nothing was sent)."""
