@@ -2,6 +2,7 @@
 #include "sdk/publisher.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <mutex>
 #include <optional>
@@ -240,9 +241,13 @@ class BrokerPublisher final : public Publisher {
     return now_->writer.positions_held();
   }
 
+  State state() const override { return state_; }
+
   Stats stats() const override {
     const std::lock_guard lock(mutex_);
-    return stats_;
+    Stats now = stats_;
+    now.state = state_;
+    return now;
   }
 
  private:
@@ -374,7 +379,7 @@ class BrokerPublisher final : public Publisher {
 
   /// Counted. REQUIRES: mutex_ is held.
   std::optional<SendStatus> send_blocker(TimeUs capture_us) {
-    if (stats_.state != State::kLive) return dropped(DropReason::kDisconnected);
+    if (state_ != State::kLive) return dropped(DropReason::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(DropReason::kBehind);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
     if (!now_->writer.may_follow(capture_us)) return dropped(DropReason::kTime);
@@ -502,7 +507,7 @@ class BrokerPublisher final : public Publisher {
     if (ever_open_) ++stats_.reconnects;
     ever_open_ = true;
     phase_ = Phase::kUpload;
-    stats_.state = State::kUploading;
+    state_ = State::kUploading;
     at_ = broker;
     at_.prefix = url_.prefix;
     stats_.detail = "connected to " + at_.origin();
@@ -519,7 +524,7 @@ class BrokerPublisher final : public Publisher {
     forget_memory();
     stats_.subscribers = 0;
     stats_.gave_up = wait.count() == 0;
-    stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
+    state_ = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
     stats_.detail = why.message + try_again_in(wait);
     asset_uploader_->cancel();
     lock.unlock();
@@ -551,7 +556,7 @@ class BrokerPublisher final : public Publisher {
     if (now_->memory.state().pending) upload_memory();
     if (change_) upload_change();
     if (still_) still_->restart();
-    stats_.state = State::kLive;
+    state_ = State::kLive;
     const std::string live = stats_.detail = "live at " + at_.origin() + url_.prefix + "/" + url_.stream;
     lock.unlock();
     log(log_, LogLevel::kInfo, live + ", epoch " + std::to_string(m.epoch));
@@ -600,7 +605,7 @@ class BrokerPublisher final : public Publisher {
     if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
       now_->writer.restart();
       phase_ = Phase::kUpload;
-      stats_.state = lacks_asset ? State::kUploading : State::kRefused;
+      state_ = lacks_asset ? State::kUploading : State::kRefused;
       asset_uploader_->begin(at_, lacks_asset ? kUploadRetry : kRefusedRetry);
     }
     lock.unlock();
@@ -630,7 +635,7 @@ class BrokerPublisher final : public Publisher {
     if (!done) {
       const bool refused = done.error().code == ErrorCode::kRefused;
       const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
-      stats_.state = refused ? State::kRefused : State::kUploading;
+      state_ = refused ? State::kRefused : State::kUploading;
       stats_.detail = done.error().message + try_again_in(wait);
       log(log_, LogLevel::kWarning, stats_.detail);
       return wait;
@@ -675,6 +680,8 @@ class BrokerPublisher final : public Publisher {
   TimeUs progress_us_ = 0;
   std::unique_ptr<AssetUploader> segment_uploader_;  ///< Once there was something to upload.
   Stats stats_;
+  // In place of the one of stats_; written by whoever holds mutex_.
+  std::atomic<State> state_ = State::kConnecting;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
   ClockOffset clock_;              ///< The broker's; learnt while there are traces.
   TimeUs last_ping_us_ = 0;

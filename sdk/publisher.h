@@ -159,7 +159,8 @@ class Publisher {
   virtual Result<void> remember(std::vector<CodedSegment> segments) = 0;
   virtual MemoryState memory() const = 0;               ///< Thread-safe.
   virtual std::vector<double> as_received() const = 0;  ///< What receivers hold (r x 3); empty: nothing yet.
-  virtual Stats stats() const = 0;                      ///< Thread-safe.
+  virtual State state() const = 0;  ///< That of stats(), without waiting for a pose that is being coded. Thread-safe.
+  virtual Stats stats() const = 0;  ///< Thread-safe.
 };
 
 }  // namespace eigencast

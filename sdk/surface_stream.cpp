@@ -88,7 +88,7 @@ class ThreadedStream final : public SurfaceStream {
       begin_with(std::move(pose));
       return Sent::kBaking;
     }
-    const bool live = publisher_->stats().state == Publisher::State::kLive;
+    const bool live = publisher_->state() == Publisher::State::kLive;
     if (!live)
       begin_with(std::move(pose));
     else
@@ -329,7 +329,7 @@ class ThreadedStream final : public SurfaceStream {
   std::optional<TimeUs> due_us() {
     if (!ready_ || wanted_ || queue_.size() == 0) return std::nullopt;
     const TimeUs now = steady_now_us();
-    if (publisher_->stats().state == Publisher::State::kLive) return queue_.due_us(now);
+    if (publisher_->state() == Publisher::State::kLive) return queue_.due_us(now);
     if (stopped_) return std::nullopt;
     return now + std::chrono::duration_cast<std::chrono::microseconds>(kLivePoll).count();
   }
