@@ -131,7 +131,9 @@ class ThreadedStream final : public SurfaceStream {
         now.detail += formatted("; %.0f topologies were gone before they were baked",
                                 static_cast<double>(stats_.topologies - stats_.bakes - 1));
     } else {
-      now.detail = publisher_ ? now.publisher.detail : "waits for the first pose";
+      now.detail = publisher_               ? now.publisher.detail
+                   : stats_.topologies == 0 ? "waits for the first pose"
+                                            : "begins anew: scalars have another range";
       if (baking_) now.detail += ", coarse: all of the basis is being made, " + stage_;
     }
     if (now.loose_faces) now.detail += "; the faces share no vertices: weld them";
