@@ -101,6 +101,7 @@ def measure(side):
     target = scenes.shape_key(int(side))
     bpy.context.scene.frame_set(1)
     live, poses = streamed(target, "moves")
+    eventually(lambda: not live.stream.stats.baking, "all of the basis")
     bpy.app.handlers.frame_change_post.remove(add_on.on_frame)
     taken_s = []
 
