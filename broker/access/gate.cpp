@@ -25,10 +25,10 @@ std::string quoted_list(const StreamPatterns& patterns) {
 Result<void> check_right(const Identity& identity, const std::string& right, const StreamPatterns& patterns,
                          std::string_view stream) {
   if (patterns.matches(stream)) return {};
-  return fail(ErrorCode::kRefused, identity.name + " may not " + right + " '" + std::string(stream) + "', only " +
-                                       quoted_list(patterns) + ": ask the operator of the broker for a token with " +
-                                       "that right (eigencast-broker token create --" + right + " '" +
-                                       std::string(stream) + "')");
+  return fail(ErrorCode::kRefused,
+              identity.name + " may not " + right + (right == "speak" ? " in '" : " '") + std::string(stream) +
+                  "', only " + quoted_list(patterns) + ": ask the operator of the broker for a token with " +
+                  "that right (eigencast-broker token create --" + right + " '" + std::string(stream) + "')");
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
@@ -131,6 +131,10 @@ Result<void> Grant::may_publish(std::string_view stream) const {
 
 Result<void> Grant::may_subscribe(std::string_view stream) const {
   return check_right(identity_, "subscribe", identity_.rights.subscribe, stream);
+}
+
+Result<void> Grant::may_speak(std::string_view room) const {
+  return check_right(identity_, "speak", identity_.rights.speak, room);
 }
 
 Result<void> Grant::may_store_assets() const {

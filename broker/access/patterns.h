@@ -35,6 +35,7 @@ struct Rights {
   StreamPatterns publish;
   StreamPatterns subscribe;
   bool admin = false;
+  StreamPatterns speak;  ///< In rooms, which `subscribe` lets watch.
   bool operator==(const Rights&) const = default;
 };
 

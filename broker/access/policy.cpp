@@ -169,13 +169,15 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   const auto& access = config.access;
   auto tokens = access.tokens_file.empty() ? Result<TokenFile>(TokenFile())
                                            : TokenFile::from_file(resolved_path(access.tokens_file));
-  const Result<void> parts[] = {assign(policy->anonymous_rights_.publish,
-                                       StreamPatterns::from(access.anonymous_publish), "access.anonymous_publish"),
-                                assign(policy->anonymous_rights_.subscribe,
-                                       StreamPatterns::from(access.anonymous_subscribe), "access.anonymous_subscribe"),
-                                assign(policy->static_tokens_, std::move(tokens), "access.tokens_file"),
-                                assign(policy->proxies_, ranges_from(config.proxy.trusted), "proxy.trusted"),
-                                assign(policy->monitors_, ranges_from(access.monitors), "access.monitors")};
+  const Result<void> parts[] = {
+      assign(policy->anonymous_rights_.publish, StreamPatterns::from(access.anonymous_publish),
+             "access.anonymous_publish"),
+      assign(policy->anonymous_rights_.subscribe, StreamPatterns::from(access.anonymous_subscribe),
+             "access.anonymous_subscribe"),
+      assign(policy->anonymous_rights_.speak, StreamPatterns::from(access.anonymous_speak), "access.anonymous_speak"),
+      assign(policy->static_tokens_, std::move(tokens), "access.tokens_file"),
+      assign(policy->proxies_, ranges_from(config.proxy.trusted), "proxy.trusted"),
+      assign(policy->monitors_, ranges_from(access.monitors), "access.monitors")};
   for (const Result<void>& part : parts) {
     if (!part) return part.error();
   }

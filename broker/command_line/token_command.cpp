@@ -30,6 +30,7 @@ struct Arguments {
   std::string subject;
   std::vector<std::string> publish;
   std::vector<std::string> subscribe;
+  std::vector<std::string> speak;
   bool admin = false;
   bool is_static = false;
   std::string valid = "30d";
@@ -71,7 +72,8 @@ Result<TokenKey> signing_key(const Arguments& arguments, const AccessPolicy& pol
 }
 
 CommandEnd create_static(const Arguments& arguments) {
-  const auto made = create_static_token(arguments.subject, arguments.publish, arguments.subscribe, arguments.admin);
+  const auto made =
+      create_static_token(arguments.subject, arguments.publish, arguments.subscribe, arguments.admin, arguments.speak);
   if (!made) return failed(made.error());
   return {0, made->token + "\n",
           "put this line into the file that access.tokens_file names, and reload the broker; the token itself is "
@@ -91,7 +93,7 @@ CommandEnd create(const Arguments& arguments, const AccessPolicy& policy, std::i
   if (!key) return failed(key.error());
   const TokenRules& rules = policy.token_rules();
   const auto token = create_token({arguments.subject, rules.audience, rules.issuer, arguments.publish,
-                                   arguments.subscribe, arguments.admin, now_s, now_s + *valid_s},
+                                   arguments.subscribe, arguments.admin, now_s, now_s + *valid_s, arguments.speak},
                                   *key);
   if (!token) return failed(token.error());
   const std::string warning = arguments.key.empty() ? std::string() : exposure_of(key_file_of(arguments.key));
@@ -121,6 +123,7 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
   end.out += "accepted: " + identity.name + "\n";
   end.out += "may publish   " + listed(identity.rights.publish) + "\n";
   end.out += "may subscribe " + listed(identity.rights.subscribe) + "\n";
+  end.out += "may speak in  " + listed(identity.rights.speak) + "\n";
   end.out += std::string("admin         ") + (identity.rights.admin ? "yes" : "no") + "\n";
   const auto ask = [&](const std::vector<std::string>& streams, const StreamPatterns& patterns, const char* what) {
     for (const std::string& stream : streams) {
@@ -131,6 +134,7 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
   };
   ask(arguments.publish, identity.rights.publish, "publish");
   ask(arguments.subscribe, identity.rights.subscribe, "subscribe");
+  ask(arguments.speak, identity.rights.speak, "speak in");
   if (arguments.admin && !identity.rights.admin) end.code = kRefusedCode;
   return end;
 }
@@ -140,6 +144,7 @@ void add_options(CLI::App& app, Arguments& arguments, bool creates) {
   app.add_option("-c,--config", arguments.config_file, "The broker's configuration file");
   app.add_option("--publish", arguments.publish, verb + std::string("send, patterns such as lab/** (repeatable)"));
   app.add_option("--subscribe", arguments.subscribe, verb + std::string("watch (repeatable)"));
+  app.add_option("--speak", arguments.speak, verb + std::string("speak in, of the rooms that --subscribe lets watch"));
   app.add_flag("--admin", arguments.admin, creates ? "Its holder may administer" : "Ask also for the right admin");
 }
 

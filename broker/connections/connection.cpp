@@ -46,7 +46,8 @@ double json_us(std::uint64_t bytes) {
 double work_us_of(const ControlMessage& message) {
   if (std::holds_alternative<control::Announce>(message) || std::holds_alternative<control::Remember>(message))
     return 100;
-  if (std::holds_alternative<control::Subscribe>(message)) return 45;
+  if (std::holds_alternative<control::Subscribe>(message) || std::holds_alternative<control::Enter>(message)) return 45;
+  if (std::holds_alternative<control::Say>(message)) return 10;
   return std::holds_alternative<control::Ack>(message) ? 0 : kAnswerUs;
 }
 
@@ -55,7 +56,10 @@ int weight_of(const ControlMessage& message) {
   // Every viewer is told, every chain begins anew.
   if (std::holds_alternative<control::Announce>(message) || std::holds_alternative<control::Remember>(message))
     return 100;
-  return std::holds_alternative<control::Subscribe>(message) ? 20 : 1;
+  if (std::holds_alternative<control::Say>(message) || std::holds_alternative<control::Floor>(message)) return 4;
+  const bool joins =
+      std::holds_alternative<control::Subscribe>(message) || std::holds_alternative<control::Enter>(message);
+  return joins ? 20 : 1;
 }
 
 Outbox::Limits outbox_limits(const Config& config) {

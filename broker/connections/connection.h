@@ -39,6 +39,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::uint64_t id() const { return id_; }
   std::string name() const;
 
+  /// Sends what is new in rooms, unless what was sent before still waits.
+  virtual void tell_news() {}
+
   /// Called once a second: pings a silent peer, closes after timeouts.idle_ms or when the token expires.
   void tick();
 

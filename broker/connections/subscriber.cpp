@@ -3,9 +3,18 @@
 
 #include <utility>
 
+#include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
+#include "common/wire/limits.h"
 
 namespace eigencast::broker {
+namespace {
+
+/// Of a message about a room: what its making costs, of which those that get the same share a part only.
+constexpr double kNewsUs = 10, kNewsBytesPerUs = 50;
+
+}  // namespace
+
 Subscriber::Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first)
     : Connection(context, std::move(transport), std::move(grant),
                  {static_cast<std::size_t>(context.config.limits.max_control_bytes),
@@ -43,8 +52,13 @@ void Subscriber::on_message(const ControlMessage& message) {
     if (Stream* stream = context().hub.find(held->stream)) stream->note_prepared(*this, held->asset);
     return;
   }
+  if (const auto* what = std::get_if<control::Say>(&message)) return say(*what);
+  if (const auto* wish = std::get_if<control::Enter>(&message)) return enter(*wish);
+  if (const auto* floor = std::get_if<control::Floor>(&message)) return take(*floor);
+  if (const auto* what = std::get_if<control::Leave>(&message)) return leave(*what);
   send_error(fail(ErrorCode::kUnsupported,
-                  "a viewer sends subscribe, unsubscribe, prepared, trace_request, ack, ping and pong"),
+                  "a viewer sends subscribe, unsubscribe, prepared, trace_request, ack, enter, say, floor, leave, ping "
+                  "and pong"),
              {});
 }
 
@@ -93,6 +107,86 @@ void Subscriber::unsubscribe(const control::Unsubscribe& request) {
   outbox().close_lane(stream->id());
   stream->unwatch(*this);
   context().hub.unwatched(*stream);
+}
+
+void Subscriber::enter(const control::Enter& wish) {
+  if (const auto entered = try_to_enter(wish); !entered) refuse_in_room(entered.error(), wish.room);
+}
+
+Result<void> Subscriber::try_to_enter(const control::Enter& wish) {
+  if (!context().config.rooms.enabled)
+    return fail(ErrorCode::kUnsupported, "this broker has no rooms: see rooms.enabled");
+  if (auto may = grant().may_subscribe(wish.room); !may) return may;
+  if (rooms_.contains(wish.room)) {
+    if (context().rooms.rename(wish, seat_in(wish.room))) return {};
+    rooms_.erase(wish.room);  // Another connection has taken its place over.
+  }
+  if (rooms_.size() >= limits::kMaxRooms)
+    return fail(ErrorCode::kTooLarge,
+                "this connection is in " + std::to_string(limits::kMaxRooms) + " rooms, the most: leave one");
+  const auto secret = new_resume_secret();
+  if (!secret) return secret.error();
+  const std::string& key = grant().identity().key;
+  const std::string former = wish.resume.empty() ? std::string() : resume_proof(wish.resume, key);
+  const auto seat = context().rooms.enter(wish, {holder(), resume_proof(*secret, key), former}, room_limits());
+  if (!seat) return seat.error();
+  rooms_.emplace(wish.room, *seat);
+  context().in_rooms.insert(this);
+  context().arm_rooms();
+  control::Room answer;
+  answer.room = wish.room;
+  answer.self = seat->member;
+  answer.resume = *secret;
+  answer.speaks = grant().may_speak(wish.room).has_value();
+  send(answer);
+  tell_news();
+  return {};
+}
+
+void Subscriber::say(const control::Say& what) {
+  auto may = grant().may_speak(what.room);
+  if (may) may = context().rooms.say(what, seat_in(what.room), room_limits());
+  if (!may) refuse_in_room(may.error(), what.room);
+}
+
+void Subscriber::take(const control::Floor& floor) {
+  auto may = grant().may_speak(floor.room);
+  if (may) may = context().rooms.take(floor, seat_in(floor.room));
+  if (!may) refuse_in_room(may.error(), floor.room);
+}
+
+void Subscriber::leave(const control::Leave& what) {
+  const auto found = rooms_.find(what.room);
+  if (found == rooms_.end()) return;
+  context().rooms.leave(what.room, found->second);
+  rooms_.erase(found);
+  if (rooms_.empty()) context().in_rooms.erase(this);
+}
+
+void Subscriber::tell_news() {
+  guarded([this] {
+    if (outbox().control_messages() > 0 || is_closing()) return;
+    for (const auto& [room, seat] : rooms_) {
+      for (const Outbox::Text& text : context().rooms.news(room, seat)) {
+        charge(kNewsUs + static_cast<double>(text->size()) / kNewsBytesPerUs);
+        send(text);
+      }
+    }
+  });
+}
+
+Rooms::Seat Subscriber::seat_in(const std::string& room) const {
+  const auto found = rooms_.find(room);
+  return found == rooms_.end() ? Rooms::Seat{} : found->second;
+}
+
+Rooms::Limits Subscriber::room_limits() {
+  const auto& rooms = context().config.rooms;
+  return {rooms.max_members, rooms.max_room_bytes, rooms.max_bytes};
+}
+
+void Subscriber::refuse_in_room(const Error& why, const std::string& room) {
+  send(control::ErrorMessage{std::string(name_of(why.code)), why.message, {}, room});
 }
 
 void Subscriber::acknowledge(const control::Ack& ack) {
@@ -183,6 +277,8 @@ void Subscriber::report_dropped() {
 
 void Subscriber::on_closed() {
   report_dropped();
+  for (const auto& [room, seat] : std::exchange(rooms_, {})) context().rooms.leave(room, seat);
+  context().in_rooms.erase(this);
   for (const auto& [id, watched] : std::exchange(streams_, {})) {
     watched.stream->unwatch(*this);
     context().hub.unwatched(*watched.stream);

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "broker/connections/connection.h"
+#include "broker/relay/rooms.h"
 #include "broker/relay/stream.h"
 
 namespace eigencast::broker {
@@ -28,6 +29,7 @@ class Subscriber final : public Watcher, public Connection {
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override { send_droppable(text); }
   void describe(ClientInfo& info) const override;
+  void tell_news() override;
 
  private:
   void on_open() override;
@@ -41,6 +43,14 @@ class Subscriber final : public Watcher, public Connection {
   std::string label() const override;
   void subscribe(const control::Subscribe& request);
   void unsubscribe(const control::Unsubscribe& request);
+  void enter(const control::Enter& wish);
+  Result<void> try_to_enter(const control::Enter& wish);
+  void say(const control::Say& what);
+  void take(const control::Floor& floor);
+  void leave(const control::Leave& what);
+  Rooms::Seat seat_in(const std::string& room) const;  ///< A void one: it is not there.
+  Rooms::Limits room_limits();
+  void refuse_in_room(const Error& why, const std::string& room);
   void acknowledge(const control::Ack& ack);
   void report_dropped();
   void step(Stream& stream, Ladder& ladder);
@@ -52,6 +62,7 @@ class Subscriber final : public Watcher, public Connection {
     std::uint32_t told = 0;  ///< The generation of its memory that the viewer was told of.
   };
   std::map<std::uint32_t, Watched> streams_;  ///< For few streams a tree takes less memory than a hash table.
+  std::map<std::string, Rooms::Seat> rooms_;  ///< At most limits::kMaxRooms.
   std::uint64_t joins_counted_ = 0;
 };
 

@@ -29,6 +29,7 @@ class MemoryReads;
 class NewcomerTime;
 class Ownership;
 class Recorder;
+class Rooms;
 class Turn;
 
 /// What the event loops of a broker share; outlives them. Thread-safe unless said otherwise.
@@ -54,10 +55,13 @@ struct Context : SharedContext {
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
   MemoryReads& memory_reads;                       ///< Of the first loop.
+  Rooms& rooms;                                    ///< All loops share them.
   /// Connections of this loop, those on their way to it included. Any thread may read it.
   std::atomic<std::uint64_t> connection_count{0};
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< Open WebSockets.
+  std::unordered_set<Connection*> in_rooms{};     ///< They are told news at most ten times a second,
+  std::function<void()> arm_rooms{};              ///< once this is called for the first.
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;

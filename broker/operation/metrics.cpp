@@ -19,6 +19,7 @@
 #include "broker/access/gate.h"
 #include "broker/backbone/backbone.h"
 #include "broker/relay/hub.h"
+#include "broker/relay/rooms.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/recorder.h"
 
@@ -134,6 +135,9 @@ class BrokerMetrics {
     const Counters& counters = statistics_.counters;
     counter("frames_received_total", "Frames taken from senders.", counters.frames_received);
     counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
+    gauge("rooms", "Rooms with somebody in them.", context_.rooms.size());
+    gauge("room_members", "People in rooms.", context_.rooms.members());
+    gauge("room_bytes", "What is said in rooms, as rooms.max_bytes counts it.", context_.rooms.bytes());
     gauge("memory_bytes", "Poses that streams remember.", context_.hub.memory_bytes());
     counter("memories_total", "Memories taken from senders, appended ones included.", counters.memories);
     counter("memories_refused_total", "Memories refused.", counters.memories_refused);

@@ -221,7 +221,8 @@ struct Notice {
 struct ErrorMessage {
   std::string code;
   std::string message;
-  std::string stream;  ///< Empty when it concerns the connection.
+  std::string stream;     ///< Empty when it concerns the connection, or
+  std::string room = {};  ///< a room: one of enter, say and floor was refused.
 };
 
 /// "bye", broker to everybody before it closes.
@@ -230,9 +231,69 @@ struct Bye {
   std::uint32_t retry_after_ms = 0;  ///< 0 = do not come back.
 };
 
-using Message =
-    std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping, Pong, Trace,
-                 TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered, Progress, Prepared>;
+/// "enter", viewer to broker: be in a room; once more: be called otherwise there. Answered by Room or Error.
+struct Enter {
+  std::string room;                ///< As names of streams.
+  std::string name;                ///< Of who enters: 1 to limits::kMaxRoomNameBytes without control characters.
+  std::string colour = "#808080";  ///< "#" and six hexadecimal digits.
+  std::string resume = {};         ///< That of this member's last Room, whose place it takes. Secret; empty: none.
+};
+
+/// "leave", viewer to broker.
+struct Leave {
+  std::string room;
+};
+
+/// What a member says under a key, 1 to 32 of [a-z0-9._-]: JSON text of at most limits::kMaxRoomValueDepth levels,
+/// which the broker does not interpret. "null": nothing any more.
+struct RoomValue {
+  std::string key;
+  std::string json;
+  bool operator==(const RoomValue&) const = default;
+};
+
+/// "say", viewer to broker: values that replace those of the same keys.
+struct Say {
+  std::string room;
+  std::vector<RoomValue> values;
+  bool keep = false;         ///< They outlive the member, until the room ends or somebody removes them.
+  std::uint32_t member = 0;  ///< 0: the sender; else who has left, whose values may be removed only.
+};
+
+/// "floor", viewer to broker: what one member has at a time, such as the lead; the last who takes it has it.
+struct Floor {
+  std::string room;
+  std::string floor;  ///< As keys of values.
+  bool take = true;   ///< False: gives it back.
+};
+
+/// "room", broker to viewer: who one is there, then what has changed, at most ten times a second.
+struct Room {
+  struct Member {
+    std::uint32_t id = 0;
+    std::string name = {}, colour = {};  ///< Empty: as before.
+    bool here = true;                    ///< False: it has left, and what it kept is there.
+    std::vector<RoomValue> values = {};  ///< That have changed.
+    bool operator==(const Member&) const = default;
+  };
+  struct Holder {
+    std::string floor;
+    std::uint32_t member = 0;  ///< 0: nobody.
+    bool operator==(const Holder&) const = default;
+  };
+  std::string room;
+  std::uint32_t self = 0;            ///< The answer to Enter: the receiver's id; 0: not said.
+  std::string resume = {};           ///< With it, see Enter. Secret.
+  bool speaks = false;               ///< With it: whether the receiver may say and take anything.
+  bool whole = false;                ///< Nothing of before counts.
+  std::vector<Member> members = {};  ///< New and changed ones.
+  std::vector<std::uint32_t> gone = {};
+  std::vector<Holder> floors = {};
+};
+
+using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
+                             Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered, Progress,
+                             Prepared, Enter, Leave, Say, Floor, Room>;
 
 }  // namespace control
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Control messages as JSON objects with an "op" (docs/protocol.md, "Control messages").
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -21,7 +22,7 @@ Error malformed(std::string what) {
 }
 
 /// Refuses nesting over the limit before the parser sees the text. Brackets inside strings do not count.
-bool too_deep(std::string_view text) {
+bool too_deep(std::string_view text, int limit = limits::kMaxControlDepth) {
   int depth = 0;
   bool in_string = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
@@ -32,12 +33,22 @@ bool too_deep(std::string_view text) {
     } else if (c == '"') {
       in_string = true;
     } else if (c == '{' || c == '[') {
-      if (++depth > limits::kMaxControlDepth) return true;
+      if (++depth > limit) return true;
     } else if (c == '}' || c == ']') {
       --depth;
     }
   }
   return false;
+}
+
+bool is_room_key(std::string_view text) {
+  return !text.empty() && text.size() <= 32 &&
+         text.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789._-") == std::string_view::npos;
+}
+
+bool is_colour(std::string_view text) {
+  return text.size() == 7 && text[0] == '#' &&
+         text.find_first_not_of("0123456789abcdefABCDEF", 1) == std::string_view::npos;
 }
 
 bool is_asset_id(std::string_view text) {
@@ -110,6 +121,36 @@ class Fields {
       values.push_back(*text);
     }
   }
+  /// 1 to limits::kMaxRoomNameBytes, no control characters.
+  void person(const char* name, std::string& value) {
+    text(name, value);
+    const auto is_control = [](unsigned char c) { return c < 0x20 || c == 0x7F; };
+    if (reads() && (value.empty() || value.size() > limits::kMaxRoomNameBytes ||
+                    std::any_of(value.begin(), value.end(), is_control)))
+      wrong(name, "must be 1 to " + std::to_string(limits::kMaxRoomNameBytes) + " bytes without control characters");
+  }
+  void colour(const char* name, std::string& value) {
+    text(name, value);
+    if (reads() && !is_colour(value)) wrong(name, "must be # and six hexadecimal digits");
+  }
+  void room_key(const char* name, std::string& value) {
+    text(name, value);
+    if (reads() && !is_room_key(value)) wrong(name, kRoomKeyRule);
+  }
+  void room_values(const char* name, std::vector<control::RoomValue>& values) {
+    const Json* field = find(name, Written::object());
+    for (std::size_t i = 0; !reads() && i < values.size(); ++i)
+      (*to_)[name][values[i].key] = Written::parse(values[i].json, nullptr, /*allow_exceptions=*/false);
+    if (field == nullptr) return;
+    if (!field->is_object() || field->size() > limits::kMaxRoomKeys)
+      return wrong(name, "must be an object of at most " + std::to_string(limits::kMaxRoomKeys) + " members");
+    for (const auto& [key, value] : field->items()) {
+      if (!is_room_key(key)) return wrong(name, kRoomKeyRule);
+      values.push_back({key, value.dump(-1, ' ', false, Json::error_handler_t::replace)});
+      if (too_deep(values.back().json, limits::kMaxRoomValueDepth))
+        return wrong(name, "holds a value nested deeper than " + std::to_string(limits::kMaxRoomValueDepth));
+    }
+  }
   template <typename Enum, std::size_t kCount>
   void word(const char* name, Enum& value, const EnumNames<Enum, kCount>& words) {
     std::string word(words[value]), allowed;
@@ -151,6 +192,7 @@ class Fields {
   }
 
  private:
+  static constexpr const char* kRoomKeyRule = "must have names of 1 to 32 of a-z 0-9 . _ -";
   static const Json& empty() {
     static const Json object = Json::object();
     return object;
@@ -301,6 +343,7 @@ struct Describe {
     f.text("code", m.code);
     f.text("message", m.message);
     if (f.wants("stream")) f.text("stream", m.stream);
+    if (f.wants("room", !m.room.empty())) f.text("room", m.room);
   }
   void operator()(control::Bye& m) const {
     if (f.wants("reason")) f.text("reason", m.reason);
@@ -317,6 +360,47 @@ struct Describe {
     f.integer("generation", m.generation, 1);
     if (f.wants("code", !m.code.empty())) f.text("code", m.code);
     if (f.wants("message", !m.message.empty())) f.text("message", m.message);
+  }
+  void operator()(control::Enter& m) const {
+    f.stream_name("room", m.room);
+    f.person("name", m.name);
+    if (f.wants("colour")) f.colour("colour", m.colour);
+    if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
+  }
+  void operator()(control::Leave& m) const { f.stream_name("room", m.room); }
+  void operator()(control::Say& m) const {
+    f.stream_name("room", m.room);
+    f.room_values("values", m.values);
+    if (f.wants("keep", m.keep)) f.flag("keep", m.keep);
+    if (f.wants("member", m.member != 0)) f.integer("member", m.member);
+  }
+  void operator()(control::Floor& m) const {
+    f.stream_name("room", m.room);
+    f.room_key("floor", m.floor);
+    if (f.wants("take", !m.take)) f.flag("take", m.take);
+  }
+  void operator()(control::Room& m) const {
+    f.stream_name("room", m.room);
+    if (f.wants("self", m.self != 0)) f.integer("self", m.self);
+    if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
+    if (f.wants("speaks", m.speaks)) f.flag("speaks", m.speaks);
+    if (f.wants("whole", m.whole)) f.flag("whole", m.whole);
+    if (f.wants("members", !m.members.empty())) {
+      f.each("members", m.members, limits::kMaxRoomMembers, [](Fields fields, control::Room::Member& member) {
+        fields.integer("id", member.id, 1);
+        if (fields.wants("name", !member.name.empty())) fields.person("name", member.name);
+        if (fields.wants("colour", !member.colour.empty())) fields.colour("colour", member.colour);
+        if (fields.wants("here", !member.here)) fields.flag("here", member.here);
+        if (fields.wants("values", !member.values.empty())) fields.room_values("values", member.values);
+      });
+    }
+    if (f.wants("gone", !m.gone.empty()))
+      f.integers("gone", m.gone, limits::kMaxRoomMembers, std::numeric_limits<std::uint32_t>::max());
+    if (!f.wants("floors", !m.floors.empty())) return;
+    f.each("floors", m.floors, limits::kMaxRoomFloors, [](Fields fields, control::Room::Holder& holder) {
+      fields.room_key("floor", holder.floor);
+      fields.integer("member", holder.member);
+    });
   }
 
  private:
@@ -366,9 +450,9 @@ struct Describe {
 };
 
 constexpr std::array<std::string_view, std::variant_size_v<ControlMessage>> kOps{
-    "welcome", "announce", "announced",  "subscribers", "subscribe",     "unsubscribe", "stream",
-    "ack",     "ping",     "pong",       "trace",       "trace_request", "notice",      "error",
-    "bye",     "remember", "remembered", "progress",    "prepared"};
+    "welcome",    "announce", "announced", "subscribers",   "subscribe", "unsubscribe", "stream", "ack",
+    "ping",       "pong",     "trace",     "trace_request", "notice",    "error",       "bye",    "remember",
+    "remembered", "progress", "prepared",  "enter",         "leave",     "say",         "floor",  "room"};
 
 template <std::size_t kIndex = 0>
 std::optional<ControlMessage> message_of(std::string_view op) {

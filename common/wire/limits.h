@@ -21,6 +21,13 @@ inline constexpr std::size_t kMaxAcksPerMessage = 64;
 inline constexpr std::size_t kMaxTraceStages = 32;
 inline constexpr std::size_t kMaxMemorySegments = 256;  ///< of a generation of a pose memory.
 inline constexpr std::size_t kMaxTextBytes = 4096;      ///< one string in a control message.
+inline constexpr std::size_t kMaxRooms = 4;             ///< that one connection is in.
+inline constexpr std::size_t kMaxRoomMembers = 1024;
+inline constexpr std::size_t kMaxRoomNameBytes = 64;     ///< of a member.
+inline constexpr std::size_t kMaxRoomKeys = 64;          ///< of a member.
+inline constexpr std::size_t kMaxRoomValueBytes = 2048;  ///< of one value, as JSON.
+inline constexpr int kMaxRoomValueDepth = 4;             ///< its nesting.
+inline constexpr std::size_t kMaxRoomFloors = 8;
 inline constexpr std::int64_t kMaxTimeUs =
     (std::int64_t{1} << 62) - 1;                             ///< stamps are 0..this: differences never overflow.
 inline constexpr std::uint32_t kMaxVelocityUs = 10'000'000;  ///< time in which a velocity channel's movement is made.

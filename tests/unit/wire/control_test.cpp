@@ -80,6 +80,23 @@ std::vector<ControlMessage> samples() {
                  StreamInfo::Next{kSecret, 1}},
       Progress{"lab/horse", 0.25},
       Prepared{"lab/horse", kAsset},
+      ErrorMessage{"refused", "anonymous may not speak", "", "lab/horse"},
+      Enter{"lab/horse", "Ada \"A\"", "#ff8000"},
+      Enter{"lab/horse", "Ada", "#808080", kSecret},
+      Leave{"lab/horse"},
+      Say{"lab/horse", {{"camera", R"({"eye":[1,2.5,-3]})"}, {"pointer", "null"}}},
+      Say{"lab/horse", {{"pin.1", R"("\u00e9")"}}, true},
+      Say{"lab/horse", {{"pin.1", "null"}}, false, 7},
+      Floor{"lab/horse", "lead"},
+      Floor{"lab/horse", "lead", false},
+      Room{"lab/horse", 3, kSecret, true},
+      Room{
+          .room = "lab/horse",
+          .whole = true,
+          .members = {{3, "Ada", "#ff8000", true, {{"camera", "[1]"}}}, {2, "Bob", "#0000ff", false, {{"pin.1", "0"}}}},
+          .floors = {{"lead", 3}}},
+      Room{
+          .room = "lab/horse", .members = {{3, {}, {}, true, {{"camera", "null"}}}}, .gone = {2}, .floors = {{"lead"}}},
   };
 }
 
@@ -199,6 +216,20 @@ TEST(Control, RefusalsNameTheField) {
       {R"({"op":"remembered","stream":"a"})", "'generation' is missing"},
       {R"({"op":"ack","items":[{"stream_id":1,"sequence":1,"step":0,"generation":-1}],"time_us":0})",
        "'items.generation'"},
+      {R"({"op":"enter","room":"a","name":""})", "'name'"},
+      {R"({"op":"enter","room":"a","name":"a\nb"})", "'name'"},
+      {R"({"op":"enter","room":"a","name":")" + std::string(65, 'a') + R"("})", "'name'"},
+      {R"({"op":"enter","room":"a","name":"Ada","colour":"red"})", "'colour'"},
+      {R"({"op":"enter","room":"a//b","name":"Ada"})", "'room'"},
+      {R"({"op":"say","room":"a"})", "'values' is missing"},
+      {R"({"op":"say","room":"a","values":[]})", "'values'"},
+      {R"({"op":"say","room":"a","values":{"A":1}})", "'values'"},
+      {R"({"op":"say","room":"a","values":{"":1}})", "'values'"},
+      {R"({"op":"say","room":"a","values":{"a":[[[[[]]]]]}})", "'values'"},
+      {R"({"op":"say","room":"a","values":{},"member":-1})", "'member'"},
+      {R"({"op":"floor","room":"a","floor":"a b"})", "'floor'"},
+      {R"({"op":"room","room":"a","members":[{"id":0}]})", "'members.id'"},
+      {R"({"op":"room","room":"a","members":[{"id":1,"values":{"a/b":1}}]})", "'members.values'"},
   };
   for (const auto& [text, expected] : cases) {
     const auto parsed = control_from_text(text);
