@@ -15,7 +15,7 @@ Result<std::unique_ptr<OffscreenViewer>> OffscreenViewer::open(const ClientOptio
   if (good) good = store(viewer->session_, Session::create(options, sources, log));
   if (!good) return good.error();
   viewer->session_->rebuild_with(viewer->rebuilder_);
-  if (options.hud)
+  if (options.hud || !options.room.empty())
     viewer->overlay_ = std::make_unique<Overlay>(nullptr, text_scale(1, 1, static_cast<float>(options.ui_scale)));
   viewer->camera_.set_viewport(options.width, options.height);
   viewer->camera_.set_view(options.view);
@@ -38,7 +38,11 @@ void OffscreenViewer::warm_up() {
 
 void OffscreenViewer::draw(const OverlayContent& over) {
   session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target());
-  if (overlay_) overlay_->draw(over, options_.width, options_.height, target());
+  if (overlay_) {
+    OverlayContent content = options_.hud ? over : OverlayContent();
+    content.labels = session_->labels(camera_);
+    overlay_->draw(content, options_.width, options_.height, target());
+  }
   session_->finish_picture(true);
 }
 

@@ -269,7 +269,9 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--frames", "--duration"}, film, "is for live pictures; --seconds says how long a film is"},
       {{"--out", "--screenshot"}, film, "is for live pictures; --film says where its own go"},
       {{"--resolver", "--target-fps", "--playout"}, film, "is for live pictures; a film takes the time that it takes"},
-      {{"--record", "--record-shown"}, film, "is for live pictures"},
+      {{"--record", "--record-shown", "--room"}, film, "is for live pictures"},
+      {{"--room"}, files_only, kOfBrokers},
+      {{"--name"}, options.room.empty() && std::getenv("EIGENCAST_NAME") == nullptr, "goes with --room"},
       {{"--truth"}, film, "is for live pictures; a file that is filmed is its own"},
       {{"--compare"}, film, "is for live pictures"},
       {{"--truth"}, !options.compare.empty(), "and --compare both say what colours compare with; give one of them"},
@@ -398,6 +400,10 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
          Choices{"catmull-rom", "damped", "hermite", "linear"}},
         {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
         {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
+        {"--room", &options.room,
+         "be in this room of the first stream's broker: people see each other's pointers and pinned notes, and follow "
+         "one who leads"},
+        {"--name", &options.person, "how others see you there (default: $USER)", {}, false, "EIGENCAST_NAME"},
         {"--cache", &options.cache_dir,
          "folder for downloaded models, up to $EIGENCAST_CACHE_BYTES (4 GiB); \"\" keeps none (default: "
          "~/.cache/eigencast)"},
@@ -502,6 +508,10 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
     if (!target) return in_context("--film", target.error());
     options.film = FilmOptions{*target, raw.fps, raw.seconds};
     options.headless = true;
+  }
+  if (!options.room.empty() && options.person.empty()) {
+    const char* const user = std::getenv("USER");
+    options.person = user != nullptr && *user != '\0' ? user : "viewer";
   }
   options.size_given = line.has("--size");
   options.resolver_given = line.has("--resolver");

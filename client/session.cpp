@@ -8,6 +8,7 @@
 #include <thread>
 #include <utility>
 
+#include "client/clip_source.h"
 #include "common/core/text.h"
 
 namespace eigencast {
@@ -40,7 +41,27 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, s
   std::unique_ptr<Session> session(new Session(options, sources, std::move(log)));
   if (const Result<void> opened = session->record_.open(options.record, options.record_shown); !opened)
     return opened.error();
+  if (options.room.empty()) return session;
+  const auto& streams = options.scene.streams;
+  const auto first = std::find_if(streams.begin(), streams.end(), [](const std::string& s) { return !clip_in(s); });
+  const auto index = static_cast<std::size_t>(first - streams.begin());
+  if (index >= options.credentials.size())
+    return fail(ErrorCode::kInvalidArgument, "--room: name a stream of the broker whose room it is");
+  auto entered = RoomClient::enter(*first, options.credentials[index],
+                                   {options.room, options.person, colour_of_name(options.person)}, session->log_);
+  if (!entered) return in_context("--room", entered.error());
+  session->room_ = std::make_unique<RoomDesk>(std::move(*entered));
   return session;
+}
+
+std::vector<Label> Session::labels(const Camera& camera) const {
+  std::vector<Label> labels;
+  if (!room_) return labels;
+  for (RoomDesk::Mark& mark : room_->marks(scene_, sources())) {
+    const auto at = camera.pixel_from_scene(mark.at);
+    if (at) labels.push_back({at->x, at->y, mark.colour, std::move(mark.text), mark.is_pin});
+  }
+  return labels;
 }
 
 void Session::rebuild_with(const RebuilderChoice& choice) {
@@ -106,7 +127,8 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   const TimeUs now = film_us.value_or(steady_now_us());
   const bool sharpens = look_still(camera, now);
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
-  const bool changed = scene_.advance(sources(), now) || sharpens;
+  const bool moved = room_ && room_->advance(camera, now);
+  const bool changed = scene_.advance(sources(), now) || sharpens || moved;
   frame_scene(camera);
   connections_.refresh(now);
   const Subscriber::Stats& stats = connections_.stats();

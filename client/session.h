@@ -13,6 +13,7 @@
 #include "client/level_control.h"
 #include "client/meters.h"
 #include "client/options.h"
+#include "client/room_desk.h"
 #include "client/scene_colours.h"
 #include "view/camera.h"
 #include "view/overlay.h"
@@ -71,6 +72,11 @@ class Session final {
 
   Scene& scene() { return scene_; }
   const Scene& scene() const { return scene_; }
+  /// Null: it is in none.
+  RoomDesk* room() { return room_.get(); }
+  const RoomDesk* room() const { return room_.get(); }
+  /// Pointers and pins of its room.
+  std::vector<Label> labels(const Camera& camera) const;
   LevelControl& levels() { return levels_; }
   const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
@@ -106,6 +112,7 @@ class Session final {
   std::optional<RebuilderChoice::Trial> rebuild_trial_;
   LevelControl levels_;
   SceneColours colours_;
+  std::unique_ptr<RoomDesk> room_;
   float pixel_scale_;
   History history_;
   TimeUs last_latency_us_ = 0;   ///< From capture to picture.

@@ -49,6 +49,19 @@ json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
   return surfaces;
 }
 
+json json_from(RoomDesk& room, const Scene& scene, std::span<PoseSource* const> sources) {
+  json people = json::array(), marks = json::array();
+  for (const auto& [id, member] : room.state().members)
+    people.push_back({{"id", id}, {"name", member.name}, {"here", member.here}});
+  for (const RoomDesk::Mark& mark : room.marks(scene, sources))
+    marks.push_back({{"text", mark.text}, {"pin", mark.is_pin}, {"at", {mark.at.x, mark.at.y, mark.at.z}}});
+  return {{"self", room.state().self},
+          {"speaks", room.state().speaks},
+          {"trouble", room.state().trouble},
+          {"members", people},
+          {"marks", marks}};
+}
+
 std::string_view name_of(FrameKind kind) {
   constexpr std::array<std::string_view, 5> kNames{"unknown", "key", "join", "step", "estimate"};
   const auto number = static_cast<std::size_t>(kind);
@@ -164,6 +177,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   for (std::size_t i = 0; i < view.times_shown().size(); ++i)
     report["playout"]["shown"][std::string(kShownNames[static_cast<Shown>(i)])] = view.times_shown()[i];
   if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
+  if (room_) report["room"] = json_from(*room_, scene_, sources());
   if (figures_now.difference)
     report["difference"] = {{"rms", figures_now.difference->rms}, {"largest", figures_now.difference->largest}};
   report["reconnects"] = stats.reconnects;

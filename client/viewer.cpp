@@ -30,6 +30,7 @@ constexpr auto kIdleWait = std::chrono::milliseconds(6);  // latency of input wh
 constexpr double kEmptyWaitS = 0.1;                       // likewise without sources
 constexpr TimeUs kFiguresEveryUs = 250'000;
 constexpr TimeUs kNoticeUs = 8'000'000;
+constexpr TimeUs kPointEveryUs = 100'000;
 constexpr double kTurnSeconds = 12;
 constexpr double kSmooth = 30;  // pictures a second that move well
 
@@ -110,6 +111,7 @@ class Viewer final : public WindowListener {
     session_->scene().set_paused(state_.paused);
     const bool poses = session_->update(redraw_ > 0 ? std::chrono::milliseconds(0) : kIdleWait, camera_);
     const TimeUs now = steady_now_us();
+    point(now);
     const bool scene_changed = move_camera(now) || poses;
     if (!scene_changed && redraw_ == 0 && !content_changed(now)) return;
     redraw_ = std::max(redraw_ - 1, 0);
@@ -169,18 +171,24 @@ class Viewer final : public WindowListener {
     session_->scene().set_playout(state_.playout);
   }
 
+  void on_move(glm::vec2 at_px) override { cursor_px_ = at_px; }
+
   void on_drag(Drag drag, glm::vec2 by_px) override {
     if (overlay_ && overlay_->wants_mouse()) return;
+    stop_following();
     drag == Drag::kPan ? camera_.pan(by_px) : camera_.rotate(by_px);
   }
 
   void on_wheel(float steps, glm::vec2 at_px) override {
-    if (!overlay_ || !overlay_->wants_mouse()) camera_.zoom(steps, at_px);
+    if (overlay_ && overlay_->wants_mouse()) return;
+    stop_following();
+    camera_.zoom(steps, at_px);
   }
 
   void on_double_click(glm::vec2 at_px) override {
     if (overlay_ && overlay_->wants_mouse()) return;
-    if (const auto hit = pick(session_->scene(), camera_, at_px, width_, height_)) camera_.look_at(*hit);
+    stop_following();
+    if (const auto hit = pick(session_->scene(), camera_, at_px, width_, height_)) camera_.look_at(hit->at);
   }
 
   void on_drop(const std::vector<std::string>& what) override {
@@ -253,11 +261,42 @@ class Viewer final : public WindowListener {
     return true;
   }
 
+  void stop_following() {
+    if (RoomDesk* room = session_ ? session_->room() : nullptr) room->stop_following();
+  }
+
+  /// With the panel's note, at the cursor.
+  void pin(RoomDesk& room) {
+    const auto hit = pick(session_->scene(), camera_, cursor_px_, width_, height_, session_->sources());
+    const auto point = hit ? RoomDesk::point_of(*hit, session_->scene(), session_->sources()) : std::nullopt;
+    if (!point || !room.state().speaks) return say(point ? "you may not speak here" : "no surface here", true);
+    room.pin(*point, std::exchange(state_.note, {}).data());
+  }
+
+  /// Says where the cursor is on a surface.
+  void point(TimeUs now_us) {
+    RoomDesk* room = session_->room();
+    if (room == nullptr || !room->state().speaks || cursor_px_ == pointed_px_ || now_us - pointed_us_ < kPointEveryUs)
+      return;
+    pointed_px_ = cursor_px_;
+    pointed_us_ = now_us;
+    const auto hit =
+        overlay_->wants_mouse() ? std::nullopt : pick(session_->scene(), camera_, cursor_px_, width_, height_);
+    room->point_at(hit ? RoomDesk::point_of(*hit, session_->scene(), session_->sources()) : std::nullopt);
+  }
+
   void do_what_keys_wanted() {
     for (; state_.colourings_on > 0; --state_.colourings_on)
       state_.style.colour = next_colouring(session_->sources(), state_.style.colour);
     if (std::exchange(state_.resolver_wanted, false))
       session_->levels().set_kind(next_of(session_->levels().kind(), 3));
+    const bool pins = std::exchange(state_.pin_wanted, false), leads = std::exchange(state_.lead_wanted, false),
+               follows = std::exchange(state_.follow_wanted, false);
+    if (RoomDesk* room = session_->room()) {
+      if (pins) pin(*room);
+      if (leads) room->lead(!room->leads());
+      if (follows) room->follows() ? room->stop_following() : room->follow();
+    }
     if (std::exchange(state_.copy_wanted, false)) {
       window_.set_clipboard(text_from_camera(camera_));
       say("the camera is in the clipboard", false);
@@ -278,6 +317,7 @@ class Viewer final : public WindowListener {
     if (!state_.hud || session_->figures().vertices_total == 0) content.figures.clear();
     if (!state_.style.legend) content.legend.reset();
     if (steady_now_us() < notice_until_us_) content.banner = notice_;
+    content.labels = session_->labels(camera_);
     if (state_.panel) content.left_px = panel_width(overlay_->scale());
     content.paused = state_.paused && !has_bar();
     if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
@@ -376,6 +416,8 @@ class Viewer final : public WindowListener {
   float drawn_colourfulness_ = 1;
   int redraw_ = kRedrawsAfterInput;
   int width_ = 0, height_ = 0;
+  glm::vec2 cursor_px_{0}, pointed_px_{0};
+  TimeUs pointed_us_ = 0;
 };
 
 Result<void> write_results(Viewer& viewer, const ClientOptions& options) {

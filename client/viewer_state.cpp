@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "common/core/text.h"
+#include "common/reconstruction/reconstruct.h"
 
 namespace eigencast {
 namespace {
@@ -31,7 +32,7 @@ void change_playout(PlayoutSettings& playout) {
 }
 
 constexpr Modifiers kShift{true, false}, kControl{false, true};
-constexpr std::array<KeyCommand, 32> kCommands{
+constexpr std::array<KeyCommand, 35> kCommands{
     {{"R Home", [](const KeyTarget& on) { on.camera.home(); }},
      {"H F1", [](const KeyTarget& on) { toggle(on.state.help); }},
      {"X", [](const KeyTarget& on) { toggle(on.state.style.axes); }},
@@ -60,6 +61,9 @@ constexpr std::array<KeyCommand, 32> kCommands{
      {"Tab", [](const KeyTarget& on) { toggle(on.state.panel); }},
      {"Y", [](const KeyTarget& on) { toggle(on.state.turntable); }},
      {"K", [](const KeyTarget& on) { toggle(on.state.recording); }},
+     {"T", [](const KeyTarget& on) { on.state.pin_wanted = true; }},
+     {"O", [](const KeyTarget& on) { on.state.lead_wanted = true; }},
+     {"J", [](const KeyTarget& on) { on.state.follow_wanted = true; }},
      {"S F12", [](const KeyTarget& on) { on.state.clean_screenshot_wanted = true; }, kShift},
      {"C", [](const KeyTarget& on) { on.state.copy_wanted = true; }, kControl},
      {"V", [](const KeyTarget& on) { on.state.paste_wanted = true; }, kControl},
@@ -79,7 +83,11 @@ glm::vec3 vertex(std::span<const float> positions, std::size_t i) {
 }
 
 /// Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection"; both sides count.
-std::optional<float> hit_triangle(const Ray& ray, const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
+struct Along {
+  float t = 0;
+  glm::vec3 weights{1, 0, 0};
+};
+std::optional<Along> hit_triangle(const Ray& ray, const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
   const glm::vec3 along = ray.to - ray.from, ab = b - a, ac = c - a, p = glm::cross(along, ac);
   const float determinant = glm::dot(ab, p);
   if (determinant == 0) return std::nullopt;
@@ -87,14 +95,14 @@ std::optional<float> hit_triangle(const Ray& ray, const glm::vec3& a, const glm:
   const float u = glm::dot(s, p) / determinant, v = glm::dot(along, q) / determinant;
   const float t = glm::dot(ac, q) / determinant;
   if (u < 0 || v < 0 || u + v > 1 || t <= 0) return std::nullopt;
-  return t;
+  return Along{t, {1 - u - v, u, v}};
 }
 
-std::optional<float> hit_point(const Ray& ray, const glm::vec3& point, float radius) {
+std::optional<Along> hit_point(const Ray& ray, const glm::vec3& point, float radius) {
   const glm::vec3 along = ray.to - ray.from;
   const float t = glm::dot(point - ray.from, along) / glm::dot(along, along);
   if (t <= 0 || glm::length(ray.from + t * along - point) > radius) return std::nullopt;
-  return t;
+  return Along{t};
 }
 
 }  // namespace
@@ -140,6 +148,7 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"Y", "turntable", on_off(state.turntable)},
           {"K", "write every picture", on_off(state.recording)},
           {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
+          {"T  O  J", "in a room: pin the panel's note here, lead, follow; again: stop", ""},
           {"H  F1", "this help", on_off(state.help)},
           {"Q  Esc", "quit", ""}};
 }
@@ -153,32 +162,41 @@ std::string next_free_name(const std::string& prefix, const std::string& ending)
   return prefix + "_9999" + ending;
 }
 
-std::optional<glm::vec3> pick(const Scene& scene, const Camera& camera, const glm::vec2& at_px, int width_px,
-                              int height_px) {
+std::optional<Hit> pick(const Scene& scene, const Camera& camera, const glm::vec2& at_px, int width_px, int height_px,
+                        std::span<PoseSource* const> whole) {
   if (width_px < 1 || height_px < 1) return std::nullopt;
   const glm::mat4 scene_from_clip = glm::inverse(camera.clip_from_view() * camera.view_from_scene());
   const glm::vec4 far = scene_from_clip * glm::vec4(2 * at_px.x / static_cast<float>(width_px) - 1,
                                                     1 - 2 * at_px.y / static_cast<float>(height_px), 0.5F, 1);
   const Ray in_scene{camera.position(), glm::vec3(far) / far.w};
-  std::optional<float> nearest;
+  std::optional<Hit> nearest;
+  float nearest_t = 0;
   std::vector<float> room;
-  const auto take = [&](const std::optional<float>& t) {
-    if (t && (!nearest || *t < *nearest)) nearest = t;
-  };
-  for (const Scene::Instance& instance : scene.instances()) {
+  for (std::size_t surface = 0; surface < scene.instances().size(); ++surface) {
+    const Scene::Instance& instance = scene.instances()[surface];
+    const auto take = [&](const std::optional<Along>& hit, const std::array<std::uint32_t, 3>& rows) {
+      if (!hit || (nearest && hit->t >= nearest_t)) return;
+      nearest_t = hit->t;
+      nearest = Hit{in_scene.from + hit->t * (in_scene.to - in_scene.from), surface, rows, hit->weights};
+    };
     const SurfaceGeometry& g = instance.view.geometry();
     if (!instance.visible || g.vertex_count() == 0) continue;
-    const std::span<const float> X = instance.view.positions(room);
+    const Asset* asset = whole.empty() ? nullptr : whole[instance.placement.source]->asset();
+    const std::span<const float> X =
+        asset != nullptr ? instance.view.whole_positions(room) : instance.view.positions(room);
+    const auto N = static_cast<std::uint32_t>(X.size() / 3);
+    const std::vector<std::uint32_t> triangles = asset != nullptr ? triangles_at_level(*asset, N) : g.triangles;
     const glm::mat4 surface_from_scene = glm::inverse(instance.scene_from_surface);
     const Ray ray{glm::vec3(surface_from_scene * glm::vec4(in_scene.from, 1)),
                   glm::vec3(surface_from_scene * glm::vec4(in_scene.to, 1))};
-    for (std::size_t i = 0; g.is_point_cloud && i < g.vertex_count(); ++i)
-      take(hit_point(ray, vertex(X, i), 1.2F * g.point_spacing));
-    for (std::size_t f = 0; f + 2 < g.triangles.size(); f += 3)
-      take(hit_triangle(ray, vertex(X, g.triangles[f]), vertex(X, g.triangles[f + 1]), vertex(X, g.triangles[f + 2])));
+    for (std::uint32_t i = 0; g.is_point_cloud && i < N; ++i)
+      take(hit_point(ray, vertex(X, i), 1.2F * g.point_spacing), {i, i, i});
+    for (std::size_t f = 0; f + 2 < triangles.size(); f += 3) {
+      const std::array<std::uint32_t, 3> rows{triangles[f], triangles[f + 1], triangles[f + 2]};
+      take(hit_triangle(ray, vertex(X, rows[0]), vertex(X, rows[1]), vertex(X, rows[2])), rows);
+    }
   }
-  if (!nearest) return std::nullopt;
-  return in_scene.from + *nearest * (in_scene.to - in_scene.from);
+  return nearest;
 }
 
 }  // namespace eigencast

@@ -16,11 +16,20 @@ using std::chrono::milliseconds;
 constexpr TimeUs kAckIntervalUs = 33'000;
 constexpr milliseconds kTick{40};
 
+SharedByBroker<BrokerConnection>& connections() {
+  static SharedByBroker<BrokerConnection> all;
+  return all;
+}
+
 }  // namespace
 
 std::shared_ptr<BrokerConnection> BrokerConnection::join(const BrokerUrl& url, Request request, Listener& listener) {
-  static SharedByBroker<BrokerConnection> connections;
-  return connections.get(url, [&](BrokerConnection& connection) { return connection.try_join(request, listener); });
+  return connections().get(url, [&](BrokerConnection& connection) { return connection.try_join(request, listener); });
+}
+
+std::shared_ptr<BrokerConnection> BrokerConnection::enter(const BrokerUrl& url, const std::string& room,
+                                                          RoomListener& listener) {
+  return connections().get(url, [&](BrokerConnection& connection) { return connection.try_enter(room, listener); });
 }
 
 BrokerConnection::BrokerConnection(const BrokerUrl& url) : url_(url) {}
@@ -36,18 +45,7 @@ bool BrokerConnection::try_join(Request& request, Listener& listener) {
   stream.request = std::move(request);
   stream.listener = &listener;
   if (socket_ == nullptr) {
-    WebSocketOptions options;
-    options.url = url_;
-    options.tick = kTick;
-    WebSocketEvents events;
-    events.on_try = [this] { return next_target(); };
-    events.on_open = [this](const BrokerUrl& broker) { on_open(broker); };
-    events.on_tick = [this] { on_tick(); };
-    events.on_text = [this](std::string_view text) { on_text(text); };
-    events.on_binary = [this](ByteView bytes) { on_binary(bytes); };
-    events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
-    socket_ = WebSocket::start(std::move(options), std::move(events),
-                               [this](LogLevel level, std::string_view text) { log(level, text); });
+    start();
   } else if (open_) {
     listener.on_open(at_);
     if (const auto clock = clock_.estimate()) listener.on_clock(*clock);
@@ -57,6 +55,48 @@ bool BrokerConnection::try_join(Request& request, Listener& listener) {
     socket_->retry_now();  // As a connection of its own would.
   }
   return true;
+}
+
+bool BrokerConnection::try_enter(const std::string& room, RoomListener& listener) {
+  const std::lock_guard lock(mutex_);
+  if (!rooms_.try_emplace(room, &listener).second) return false;
+  if (socket_ == nullptr) {
+    start();
+  } else if (open_) {
+    send(listener.on_room_open());
+  } else {
+    if (down_) listener.on_room_down(down_->first);
+    socket_->retry_now();
+  }
+  return true;
+}
+
+void BrokerConnection::start() {
+  WebSocketOptions options;
+  options.url = url_;
+  options.tick = kTick;
+  WebSocketEvents events;
+  events.on_try = [this] { return next_target(); };
+  events.on_open = [this](const BrokerUrl& broker) { on_open(broker); };
+  events.on_tick = [this] { on_tick(); };
+  events.on_text = [this](std::string_view text) { on_text(text); };
+  events.on_binary = [this](ByteView bytes) { on_binary(bytes); };
+  events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
+  socket_ = WebSocket::start(std::move(options), std::move(events),
+                             [this](LogLevel level, std::string_view text) { log(level, text); });
+}
+
+void BrokerConnection::send_in_room(const ControlMessage& message) {
+  const std::lock_guard lock(mutex_);
+  if (open_) send(message);
+}
+
+void BrokerConnection::leave(const RoomListener& listener, const std::string& room) {
+  const std::lock_guard lock(mutex_);
+  const auto at = rooms_.find(room);
+  if (at == rooms_.end() || at->second != &listener) return;
+  if (open_) send(control::Leave{room});
+  rooms_.erase(at);
 }
 
 void BrokerConnection::hold(const Listener& listener, std::uint32_t generation) {
@@ -87,7 +127,7 @@ void BrokerConnection::leave(const Listener& listener) {
 std::string BrokerConnection::next_target() {
   const std::lock_guard lock(mutex_);
   url_stream_.clear();
-  if (streams_.size() != 1) return "/v1/subscribe";
+  if (streams_.size() != 1 || !rooms_.empty()) return "/v1/subscribe";
   const control::Subscribe& only = streams_.front().request.subscribe;
   url_stream_ = only.stream;
   return "/v1/subscribe/" + only.stream + "?" + query_from_profile(only.profile);
@@ -112,6 +152,7 @@ void BrokerConnection::on_open(const BrokerUrl& broker) {
     stream.listener->on_open(at_);
     if (stream.name() != url_stream_) subscribe(stream);
   }
+  for (const auto& [room, listener] : rooms_) send(listener->on_room_open());
 }
 
 void BrokerConnection::on_down(const Error& why, milliseconds wait) {
@@ -123,6 +164,7 @@ void BrokerConnection::on_down(const Error& why, milliseconds wait) {
   if (const std::string line = retries_.failed(why.message); !line.empty())
     log(LogLevel::kWarning, line + try_again_in(wait));
   for (const Stream& stream : streams_) stream.listener->on_down(why, wait);
+  for (const auto& [room, listener] : rooms_) listener->on_room_down(why);
 }
 
 void BrokerConnection::on_text(std::string_view text) {
@@ -168,7 +210,15 @@ void BrokerConnection::on_message(const control::Notice& m) {
   for_each(m.stream, [&](Stream& stream) { stream.listener->on_notice(m); });
 }
 
+void BrokerConnection::on_message(const control::Room& m) {
+  if (const auto at = rooms_.find(m.room); at != rooms_.end()) at->second->on_room(m);
+}
+
 void BrokerConnection::on_message(const control::ErrorMessage& m) {
+  if (!m.room.empty()) {
+    if (const auto at = rooms_.find(m.room); at != rooms_.end()) at->second->on_room_error(m);
+    return;
+  }
   const bool declined = !m.stream.empty();
   const bool crowded = declined && m.code == name_of(ErrorCode::kTooLarge) && streams_.size() > 1;
   crowded_ = crowded_ || crowded;
@@ -211,6 +261,9 @@ void BrokerConnection::on_tick() {
   for (Stream& stream : streams_) {
     // The answer, of either kind, says how it goes on.
     if (stream.ask_again_at_us && now >= *stream.ask_again_at_us) subscribe(stream);
+  }
+  for (const auto& [room, listener] : rooms_) {
+    for (const ControlMessage& message : listener->on_room_tick(now)) send(message);
   }
   if (now - last_ping_us_ < kPingIntervalUs) return;
   last_ping_us_ = now;

@@ -4,11 +4,13 @@
 #include <chrono>
 #include <cstdint>
 #include <list>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/core/clock.h"
 #include "common/core/log.h"
@@ -49,6 +51,17 @@ class BrokerConnection final {
     virtual void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) = 0;
   };
 
+  /// One's place in a room: as Listener. on_room_down() may be called within enter().
+  class RoomListener {
+   public:
+    virtual ~RoomListener() = default;
+    virtual ControlMessage on_room_open() = 0;  ///< Enter, to be sent.
+    virtual void on_room_down(const Error& why) = 0;
+    virtual void on_room(const control::Room& news) = 0;
+    virtual void on_room_error(const control::ErrorMessage& error) = 0;
+    virtual std::vector<ControlMessage> on_room_tick(TimeUs now) = 0;  ///< To be sent.
+  };
+
   struct Request {
     control::Subscribe subscribe;
     std::uint32_t trace_every = 0;
@@ -57,6 +70,11 @@ class BrokerConnection final {
   };
 
   static std::shared_ptr<BrokerConnection> join(const BrokerUrl& url, Request request, Listener& listener);
+  static std::shared_ptr<BrokerConnection> enter(const BrokerUrl& url, const std::string& room, RoomListener& listener);
+  /// Lost where the connection is.
+  void send_in_room(const ControlMessage& message);
+  /// No call comes afterwards.
+  void leave(const RoomListener& listener, const std::string& room);
   /// Names the generation of a memory to the broker once: what comes afterwards may need it. 0: none.
   void hold(const Listener& listener, std::uint32_t generation);
   /// Tells the broker that the whole of the next asset is here.
@@ -83,6 +101,8 @@ class BrokerConnection final {
   };
 
   bool try_join(Request& request, Listener& listener);
+  bool try_enter(const std::string& room, RoomListener& listener);
+  void start();
   std::string next_target();
   void on_open(const BrokerUrl& broker);
   void on_down(const Error& why, std::chrono::milliseconds wait);
@@ -98,6 +118,7 @@ class BrokerConnection final {
   void on_message(const control::Notice& m);
   void on_message(const control::ErrorMessage& m);
   void on_message(const control::Bye& m);
+  void on_message(const control::Room& m);
   void on_tick();  ///< Acknowledges what a burst left over, asks again for declined streams, and pings.
   void acknowledge(TimeUs now);
   void subscribe(Stream& stream);
@@ -113,7 +134,8 @@ class BrokerConnection final {
   mutable std::recursive_mutex mutex_;
   // GUARDED_BY(mutex_), all that follows.
   std::list<Stream> streams_;  ///< Oldest first.
-  std::string url_stream_;     ///< Whom the present connection's URL names; empty: nobody.
+  std::map<std::string, RoomListener*> rooms_;
+  std::string url_stream_;  ///< Whom the present connection's URL names; empty: nobody.
   bool open_ = false;
   BrokerUrl at_;          ///< The broker that it is or was connected to.
   bool crowded_ = false;  ///< The broker allows no more streams.

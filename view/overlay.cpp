@@ -164,6 +164,31 @@ float draw_legend(const Legend& legend, const Room& room, float top) {
   return room.gap + 2 * style.WindowPadding.x + std::max(width_of(legend.title), size.x + 9 * scale + widest);
 }
 
+void draw_labels(const std::vector<Label>& labels, const Room& room, float pixels) {
+  ImDrawList& list = *ImGui::GetBackgroundDrawList();
+  const float r = 6 * room.scale, line = ImGui::GetTextLineHeight(), widest = 0.3F * room.size.x;
+  for (const Label& label : labels) {
+    const ImVec2 at{label.x_px / pixels, label.y_px / pixels};
+    const ImU32 colour = IM_COL32(label.colour[0], label.colour[1], label.colour[2], 255),
+                dark = IM_COL32(12, 14, 18, 255);
+    if (label.is_pin) {
+      list.AddCircleFilled(at, r, dark);
+      list.AddCircleFilled(at, 0.8F * r, colour);
+      list.AddCircleFilled(at, 0.3F * r, dark);
+    } else {
+      list.AddTriangleFilled(at, {at.x + 0.9F * r, at.y + 2.6F * r}, {at.x + 2.1F * r, at.y + 1.6F * r}, colour);
+      list.AddTriangle(at, {at.x + 0.9F * r, at.y + 2.6F * r}, {at.x + 2.1F * r, at.y + 1.6F * r}, dark, 0.2F * r);
+    }
+    if (label.text.empty()) continue;
+    const ImVec2 size = size_of(label.text, widest);
+    const ImVec2 corner{at.x + 1.8F * r, label.is_pin ? at.y - 0.5F * line : at.y + 2.4F * r};
+    list.AddRectFilled({corner.x - 0.5F * r, corner.y - 0.2F * r},
+                       {corner.x + size.x + 0.5F * r, corner.y + size.y + 0.2F * r}, IM_COL32(23, 28, 36, 200),
+                       0.5F * r);
+    list.AddText(nullptr, 0, corner, colour, label.text.c_str(), nullptr, widest);
+  }
+}
+
 /// Shrinks to fit, because a part of the help is of no use.
 void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
   if (lines.empty()) return;
@@ -283,6 +308,7 @@ void Overlay::begin_frame(int width_px, int height_px) {
 
 void Overlay::lay_out(const OverlayContent& content, const std::function<void()>& panels) const {
   const Room room{ImGui::GetIO().DisplaySize, 12 * scale_.layout, scale_.layout};
+  draw_labels(content.labels, room, has_window_ ? scale_.pixels : 1);
   // The help would cover a part of them.
   const float top = content.help.empty() ? draw_figures(content.figures, room, content.left_px) : 0;
   const float right = content.legend ? draw_legend(*content.legend, room, top) : 0;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
@@ -15,6 +17,15 @@ struct HelpLine {
   bool operator==(const HelpLine&) const = default;
 };
 
+/// A mark with a text at a place of the picture, in pixels.
+struct Label {
+  float x_px = 0, y_px = 0;
+  std::array<std::uint8_t, 3> colour{};
+  std::string text;
+  bool is_pin = false;  ///< A ring; else an arrow.
+  bool operator==(const Label&) const = default;
+};
+
 /// What the overlay shows; leaves out empty strings and lists.
 struct OverlayContent {
   std::vector<std::string> figures;  ///< By importance: small pictures leave out the last.
@@ -24,6 +35,7 @@ struct OverlayContent {
   std::vector<HelpLine> help;
   bool paused = false;
   std::optional<Legend> legend;
+  std::vector<Label> labels;
   float left_px = 0;  ///< Covered by a panel.
   bool operator==(const OverlayContent&) const = default;
 };

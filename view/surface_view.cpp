@@ -264,6 +264,27 @@ std::span<const float> SurfaceView::positions(std::vector<float>& room) const {
   return room;
 }
 
+std::span<const float> SurfaceView::whole_positions(std::vector<float>& room) const {
+  const std::uint32_t N = reconstructor_->tiles().rows();
+  room.resize(3 * std::size_t{N});
+  reconstructor_->rebuild(coefficients_, channels_, rank_to_rebuild_, N, room);
+  return room;
+}
+
+glm::vec3 SurfaceView::point(const std::array<std::uint32_t, 3>& rows, const glm::vec3& weights,
+                             std::vector<float>& room) const {
+  glm::vec3 sum{0};
+  for (int i = 0; i < 3; ++i) {
+    const std::uint32_t row = rows[static_cast<std::size_t>(i)];
+    if (weights[i] == 0) continue;
+    if (room.size() < 3 * (std::size_t{row} + 1)) room.resize(3 * (std::size_t{row} + 1));
+    const PoseToRebuild pose{coefficients_, channels_, std::span(room).first(3 * (std::size_t{row} + 1))};
+    reconstructor_->rebuild({&pose, 1}, rank_to_rebuild_, row + 1, row);
+    sum += weights[i] * glm::vec3(room[3 * row], room[3 * row + 1], room[3 * row + 2]);
+  }
+  return sum;
+}
+
 glm::vec3 SurfaceView::barycentre() const {
   glm::dvec3 sum{0};
   const std::size_t rank = std::min(barycentre_weights_.size(), coefficients_.size() / channels_);

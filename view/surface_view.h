@@ -106,6 +106,12 @@ class SurfaceView {
   /// The positions of geometry(), N x 3; rebuilt into `room` if only the GPU has them.
   std::span<const float> positions(std::vector<float>& room) const;
 
+  /// Of all vertices that have arrived, in the pose of geometry(): N x 3, in `room`.
+  std::span<const float> whole_positions(std::vector<float>& room) const;
+  /// A point within three vertices in the pose of geometry(), whatever the level: their rows' mean by these weights.
+  /// REQUIRES: the rows have arrived.
+  glm::vec3 point(const std::array<std::uint32_t, 3>& rows, const glm::vec3& weights, std::vector<float>& room) const;
+
   /// Morphs colours or other values in place: 3 floats a vertex.
   void blend(std::span<float> values) const { morph_.blend(triangles_.map(), values); }
   const LevelMorph& morph() const { return morph_; }

@@ -57,6 +57,42 @@ void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, f
   if (draw_open_line("URL, path or shape", "Add", 58 * scale, to_open)) requests.open = to_open.data();
 }
 
+ImVec4 colour_of(const std::string& text) {
+  const auto colour = colour_from_text(text);
+  return {static_cast<float>(colour[0]) / 255, static_cast<float>(colour[1]) / 255, static_cast<float>(colour[2]) / 255,
+          1};
+}
+
+void draw_room(RoomDesk& room, ViewerState& view, float scale) {
+  const RoomState& state = room.state();
+  const RoomState::Member* leader = state.holder_of("lead");
+  if (!state.trouble.empty()) ImGui::TextWrapped("%s", state.trouble.c_str());
+  for (const auto& [id, member] : state.members) {
+    if (!member.here) continue;
+    const char* what = &member == leader ? "  leads" : id == state.self ? "  you" : "";
+    ImGui::TextColored(colour_of(member.colour), "%s", member.name.c_str());
+    ImGui::SameLine();
+    ImGui::TextDisabled("%s", what);
+  }
+  if (leader != nullptr && !room.leads()) {
+    bool follows = room.follows();
+    if (ImGui::Checkbox("follow (J)", &follows)) follows ? room.follow() : room.stop_following();
+  }
+  if (!state.speaks) return;
+  if (ImGui::Button(room.leads() ? "stop leading (O)" : leader != nullptr ? "take the lead (O)" : "lead (O)"))
+    room.lead(!room.leads());
+  ImGui::SetNextItemWidth(-1);
+  ImGui::InputTextWithHint("##note", "a note; T pins it under the cursor", view.note.data(), view.note.size());
+  for (const RoomDesk::Pin& pin : room.pins()) {
+    ImGui::PushID((std::to_string(pin.member) + pin.key).c_str());
+    ImGui::TextColored(colour_of(state.members.at(pin.member).colour), "%s",
+                       pin.note.empty() ? "(no note)" : pin.note.c_str());
+    if (pin.removable) ImGui::SameLine(ImGui::GetContentRegionAvail().x - 54 * scale);
+    if (pin.removable && ImGui::SmallButton("remove")) room.remove(pin);
+    ImGui::PopID();
+  }
+}
+
 void draw_style(Session& session, Style& style) {
   style.colour = chosen_from("##colours", "colours", colourings_of(session.sources()), style.colour, title_of);
   style.colour_map = chosen_from("##map", "map", kMaps, style.colour_map,
@@ -191,6 +227,7 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings);
   const auto section = [](const char* name) { return ImGui::CollapsingHeader(name, ImGuiTreeNodeFlags_DefaultOpen); };
   if (section("Surfaces")) draw_surfaces(session, requests, to_open, scale);
+  if (session.room() != nullptr && section("Room")) draw_room(*session.room(), state, scale);
   if (section("Style")) draw_style(session, state.style);
   if (section("Motion")) draw_motion(session, state);
   if (section("Detail")) draw_detail(session);
