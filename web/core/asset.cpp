@@ -83,6 +83,15 @@ const core_facts* asset_facts(core_asset* held) {
   return &facts;
 }
 
+uint32_t asset_source(const core_asset* held, uint32_t vertex, uint32_t is_textured) {
+  const Asset& asset = held->reader.asset();
+  if (is_textured != 0 && asset.texture) {
+    const auto& first = asset.texture->first_wedge;
+    vertex = static_cast<std::uint32_t>(std::upper_bound(first.begin(), first.end(), vertex) - first.begin()) - 1;
+  }
+  return vertex < asset.rows_ready ? asset.source_vertex[vertex] : ~std::uint32_t{0};
+}
+
 int32_t asset_fill(const core_asset* held, double* coefficients, uint32_t count, uint32_t channels, uint32_t bands) {
   const Asset& asset = held->reader.asset();
   if (channels < 3 || count != std::uint64_t{asset.rank} * channels)

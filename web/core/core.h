@@ -166,6 +166,9 @@ const core_chunk* CORE(asset_chunk)(core_asset* asset, uint32_t index);
 /* Chunks come in order, each whole or its first needed_bytes. After an error nothing has changed. */
 int32_t CORE(asset_add)(core_asset* asset, uint32_t index, const uint8_t* bytes, uint32_t size);
 const core_facts* CORE(asset_facts)(core_asset* asset);
+/* The number in the source of a vertex that has arrived, or of the one that a drawn vertex with UVs stands for;
+   2^32 - 1: it has not. */
+uint32_t CORE(asset_source)(const core_asset* asset, uint32_t vertex, uint32_t is_textured);
 /* Rows of bands that did not come become those of the rest pose, in coefficients of rank x channels.
    Errors: invalid-argument (another size, fewer than 3 channels). */
 int32_t CORE(asset_fill)(const core_asset* asset, double* coefficients, uint32_t count, uint32_t channels,
@@ -207,6 +210,11 @@ typedef struct {
    vector, or its first entry. */
 const core_numbers* CORE(surface_numbers)(core_surface* surface, const core_asset* asset, const double* coefficients,
                                           uint32_t count, uint32_t is_length);
+
+/* Where vertices are in a pose, by their numbers in the source: 3 floats each, NaN for what has not arrived. As
+   surface_rebuild, which it leaves alone. */
+const float* CORE(surface_points)(core_surface* surface, const core_asset* asset, const double* coefficients,
+                                  uint32_t count, uint32_t channels, const uint32_t* vertices, uint32_t points);
 
 /* ---- Levels: how many vertices each surface and pixels all get, so that pictures are in time (common/levels) ---- */
 

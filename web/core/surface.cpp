@@ -148,6 +148,26 @@ const core_geometry* surface_rebuild(core_surface* surface, const core_asset* as
   return &geometry;
 }
 
+const float* surface_points(core_surface* surface, const core_asset* asset, const double* coefficients, uint32_t count,
+                            uint32_t channels, const uint32_t* vertices, uint32_t points) {
+  const Asset& from = asset->reader.asset();
+  const std::uint32_t ready = surface->reconstructor.tiles().rows();
+  if (surface->asset != asset->number || channels < 3 || count != std::uint64_t{from.rank} * channels)
+    return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or the pose is another's"));
+  std::vector<float>&all = surface->values, &room = surface->room;
+  all.assign(std::size_t{3} * points, std::numeric_limits<float>::quiet_NaN());
+  room.resize(std::size_t{3} * ready);
+  for (std::uint32_t row = 0; row < ready; ++row) {
+    for (std::uint32_t i = 0; i < points; ++i) {
+      if (from.source_vertex[row] != vertices[i]) continue;
+      const PoseToRebuild pose{{coefficients, count}, channels, {room.data(), std::size_t{3} * (row + 1)}, {}};
+      surface->reconstructor.rebuild({&pose, 1}, from.rank, row + 1, row);
+      std::copy_n(&room[std::size_t{3} * row], 3, &all[std::size_t{3} * i]);
+    }
+  }
+  return all.data();
+}
+
 const core_numbers* surface_numbers(core_surface* surface, const core_asset* asset, const double* coefficients,
                                     uint32_t count, uint32_t is_length) {
   const std::uint32_t N = surface->geometry.level;

@@ -26,5 +26,6 @@ export { textFromUs } from './recording/bar.js';
 export { tileWidth } from './page/list_page.js';
 export { History, otherTime, positionsOf } from './page/compare.js';
 export { linkOf, pageOf, placeOf } from './page/place.js';
+export { nameFrom, pointFrom, RoomState } from './page/room.js';
 export { bannerOf } from './page/words.js';
 export { figureLines, textFromMode } from './page/figures.js';

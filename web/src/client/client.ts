@@ -72,7 +72,7 @@ export class Stream extends Events<StreamEvents> {
   playout?: Playing;
   readonly #post: (message: ToWorker, transfer?: Transferable[]) => void;
   readonly #closed: () => void;
-  readonly #waiting = new Map<number, { resolve: (rebuilt: Rebuilt) => void; reject: (error: Error) => void }>();
+  readonly #waiting = new Map<number, { resolve: (answer: never) => void; reject: (error: Error) => void }>();
   #requests = 0;
 
   constructor(readonly name: string, readonly key: number, post: (message: ToWorker, transfer?: Transferable[]) => void, closed: () => void) {
@@ -93,11 +93,17 @@ export class Stream extends Events<StreamEvents> {
   }
   /** Positions, normals and triangles of a pose. Rejects where nothing of the surface has arrived yet. */
   rebuild(rebuild: Rebuild): Promise<Rebuilt> {
-    const request = ++this.#requests;
     const room = [rebuild.room?.positions, rebuild.room?.normals].filter((buffer) => buffer !== undefined);
+    return this.#ask((request) => this.#post({ op: 'rebuild', key: this.key, request, rebuild }, room));
+  }
+  /** The numbers in the source of drawn vertices; 2^32 - 1: unknown. */
+  sources(vertices: Uint32Array, isTextured: boolean): Promise<Uint32Array> {
+    return this.#ask((request) => this.#post({ op: 'sources', key: this.key, request, vertices, isTextured }));
+  }
+  #ask<Answer>(post: (request: number) => void): Promise<Answer> {
     return new Promise((resolve, reject) => {
-      this.#waiting.set(request, { resolve, reject });
-      this.#post({ op: 'rebuild', key: this.key, request, rebuild }, room);
+      this.#waiting.set(++this.#requests, { resolve, reject });
+      post(this.#requests);
     });
   }
   close(): void {
@@ -122,7 +128,8 @@ export class Stream extends Events<StreamEvents> {
       case 'pose':
         return this.emit('pose', (this.pose = message.pose));
       case 'rebuilt':
-        this.#waiting.get(message.request)?.resolve(message.rebuilt);
+      case 'sources':
+        this.#waiting.get(message.request)?.resolve((message.op === 'rebuilt' ? message.rebuilt : message.sources) as never);
         return void this.#waiting.delete(message.request);
       case 'failed': {
         const error = new EigencastError(message.code, message.message);
@@ -144,6 +151,8 @@ export class Broker {
   readonly #ended: () => void;
   readonly #streams = new Map<number, Stream>();
   #keys = 0;
+  /** What comes of rooms (protocol.md, "room"), once something was sent to one; nothing: the connection is new. */
+  onRoom: (text: string) => void = () => {};
 
   private constructor(
     url: BrokerUrl, environment: Environment, post: (message: ToWorker, transfer?: Transferable[]) => void, ended: () => void,
@@ -208,6 +217,10 @@ export class Broker {
     }
     return all;
   }
+  /** A control message of rooms; lost where there is no connection. */
+  sendToRoom(text: string): void {
+    this.#post({ op: 'room', text });
+  }
   /** Connects at once where it waits for its next try. */
   retryNow(): void {
     this.#post({ op: 'retry' });
@@ -220,6 +233,7 @@ export class Broker {
   }
 
   #receive(message: ToPage): void {
+    if (message.op === 'room') return this.onRoom(message.text);
     this.#streams.get(message.key)?.receive(message);
   }
   #fail(message: string): void {

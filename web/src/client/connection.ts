@@ -62,6 +62,8 @@ export class BrokerConnection {
   readonly #streams: Stream[] = [];
   readonly #clock = new ClockOffset();
   readonly #retry = new Retry();
+  /** What comes of rooms; nothing: the connection is new. */
+  onRoom: ((text: string) => void) | undefined;
   #socket: WebSocket | undefined;
   #openedUs: number | undefined;
   #urlStream = '';
@@ -123,6 +125,10 @@ export class BrokerConnection {
     if (!isPaused) return this.#subscribe(stream);
     stream.askAgainAtUs = undefined;
     this.#send('unsubscribe', { stream: stream.request.stream });
+  }
+  /** A control message; lost where there is no connection. */
+  sendText(text: string): void {
+    if (this.#openedUs !== undefined) this.#socket!.send(text);
   }
   /** Connects at once where it waits for its next try. */
   retryNow(): void {
@@ -219,9 +225,11 @@ export class BrokerConnection {
       if (stream.request.stream !== this.#urlStream) this.#subscribe(stream);
     }
     this.#ticker = setInterval(() => this.#onTick(), TICK_MS);
+    this.onRoom?.('');
   }
 
   #onText(text: string): void {
+    if (this.onRoom && text.includes('"room":"')) return this.onRoom(text);  // As a key: in texts quotes are escaped.
     let message: Message | undefined;
     try {
       message = readControl(text);

@@ -19,6 +19,8 @@ export interface Rebuild {
   numbers?: { coefficients: Float64Array; isLength: boolean } | undefined;
   /** With UVs, where the surface has an image. */
   isTextured?: boolean;
+  /** Vertices by their numbers in the source, whose places come with the answer. */
+  points?: Uint32Array | undefined;
   /** Taken for the result where they are large enough: what comes back goes round. */
   room?: { positions?: ArrayBuffer; normals?: ArrayBuffer };
   /** Of the triangles that the page has; others come with the answer. */
@@ -41,6 +43,8 @@ export interface Rebuilt {
   /** As they were asked for, one for each of `level` vertices, and the range of most of them. */
   numbers: Float32Array | undefined;
   range: readonly [low: number, high: number] | undefined;
+  /** Three for each that was asked for, whatever the level; NaN: it has not arrived. */
+  points: Float32Array | undefined;
   /** Milliseconds that it took. */
   tookMs: number;
 }
@@ -53,6 +57,10 @@ export type ToWorker =
   | { op: 'pause'; key: number; isPaused: boolean }
   | { op: 'leave'; key: number }
   | { op: 'rebuild'; key: number; request: number; rebuild: Rebuild }
+  /** The numbers in the source of some of its drawn vertices. */
+  | { op: 'sources'; key: number; request: number; vertices: Uint32Array; isTextured: boolean }
+  /** A control message of rooms, lost where there is no connection. From then on such messages come back. */
+  | { op: 'room'; text: string }
   | { op: 'retry' }
   | { op: 'end' };
 
@@ -63,4 +71,7 @@ export type ToPage =
   | { op: 'image'; key: number; image: Uint8Array }
   | { op: 'pose'; key: number; pose: Pose }
   | { op: 'rebuilt'; key: number; request: number; rebuilt: Rebuilt }
+  | { op: 'sources'; key: number; request: number; sources: Uint32Array }
+  /** Nothing: there is a new connection. */
+  | { op: 'room'; key: 0; text: string }
   | { op: 'failed'; key: number; request?: number; code: string; message: string };

@@ -51,6 +51,11 @@ export class Session {
         return this.#leave(message.key);
       case 'rebuild':
         return this.#answer(message.key, message.request, message.rebuild);
+      case 'sources':
+        return this.#sources(message);
+      case 'room':
+        this.#connection.onRoom ??= (text) => this.#post({ op: 'room', key: 0, text }, []);
+        return this.#connection.sendText(message.text);
       case 'retry':
         return this.#connection.retryNow();
       case 'end':
@@ -88,13 +93,18 @@ export class Session {
     try {
       if (!watched) throw new EigencastError('not-found', 'the stream is not watched (yet)');
       const rebuilt = this.#rebuild(watched, rebuild);
-      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.triangles, rebuilt.numbers].filter((array) => array !== undefined);
+      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.triangles, rebuilt.numbers, rebuilt.points].filter((array) => array !== undefined);
       this.#post({ op: 'rebuilt', key, request, rebuilt }, arrays.map((array) => array.buffer as ArrayBuffer));
     } catch (error) {
       this.#fail(key, error, request);
     }
   }
-  #rebuild(watched: Watched, { coefficients, channels, level, rank, numbers, isTextured, room, trianglesVersion }: Rebuild): Rebuilt {
+  #sources({ key, request, vertices, isTextured }: ToWorker & { op: 'sources' }): void {
+    const reader = this.#watched.get(key)?.subscription.surfaces.shown?.reader;
+    const sources = vertices.map((vertex) => (reader ? this.#core.exports.asset_source(reader.at, vertex, isTextured ? 1 : 0) : 0xffffffff));
+    this.#post({ op: 'sources', key, request, sources }, [sources.buffer]);
+  }
+  #rebuild(watched: Watched, { coefficients, channels, level, rank, numbers, isTextured, points, room, trianglesVersion }: Rebuild): Rebuilt {
     const shown = watched.subscription.surfaces.shown;
     if (!shown?.reader) throw new EigencastError('not-found', 'nothing of the surface has arrived yet');
     const started = this.#environment.nowUs();
@@ -122,8 +132,9 @@ export class Session {
       trianglesVersion: made.trianglesVersion,
     };
     shown.rebuilt();
+    const placed = points && watched.surface.points(shown.reader, coefficients, channels, points).slice();
     const numbered = numbers && watched.surface.numbers(shown.reader, numbers.coefficients, numbers.isLength);
-    return { ...geometry, numbers: numbered?.values.slice(), range: numbered?.range, tookMs: (this.#environment.nowUs() - started) / 1000 };
+    return { ...geometry, numbers: numbered?.values.slice(), range: numbered?.range, points: placed, tookMs: (this.#environment.nowUs() - started) / 1000 };
   }
   #fail(key: number, error: unknown, request?: number): void {
     const code = error instanceof EigencastError ? error.code : 'internal';

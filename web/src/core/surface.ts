@@ -67,6 +67,13 @@ export class Surface {
       trianglesVersion: version,
     };
   }
+  /** Where vertices are, by their numbers in the source: three each, a view; NaN: what has not arrived. */
+  points(asset: AssetReader, coefficients: ArrayLike<number>, channels: number, vertices: Uint32Array): Float32Array {
+    const core = this.#core, count = coefficients.length, at = core.room(8 * count + 4 * vertices.length);
+    core.doubles(at, count).set(coefficients);
+    core.words(at + 8 * count, vertices.length).set(vertices);
+    return core.floats(core.found(core.exports.surface_points(this.#at, asset.at, at, count, channels, at + 8 * count, vertices.length)), 3 * vertices.length);
+  }
   /** Of the last geometry's `level` vertices, from coefficients of rank x 3: each vertex's length, or its first entry. */
   numbers(asset: AssetReader, coefficients: Float64Array, isLength: boolean): Numbers {
     const core = this.#core, given = core.givenDoubles(coefficients);

@@ -13,6 +13,9 @@ export interface Place {
   query: URLSearchParams;
   token: string;
   isEmbedded: boolean;
+  /** Which room to be in, and as whom; nothing: in none. */
+  room: string;
+  person: string;
   eye: Vec3 | undefined;
   target: Vec3 | undefined;
 }
@@ -25,8 +28,9 @@ export function placeOf(address: URL, script: string): Place {
   const given = hash.get('access_token') ?? query.get('access_token') ?? '';
   const isEmbedded = query.get('embed') === '1';
   const stream = decodeURIComponent(address.href.slice(base.length).replace(/[?#].*$/, '')).replace(/^\/|\/$/g, '');
-  for (const key of ['access_token', 'embed']) query.delete(key);
-  return { base, stream, query, token: given || kept(base), isEmbedded, eye: vector(hash.get('eye')), target: vector(hash.get('target')) };
+  const room = query.get('room') ?? '', person = query.get('name') ?? '';
+  for (const key of ['access_token', 'embed', 'room', 'name']) query.delete(key);
+  return { base, stream, query, token: given || kept(base), isEmbedded, room, person, eye: vector(hash.get('eye')), target: vector(hash.get('target')) };
 }
 export function hideToken(place: Place): void {
   if (!/access_token=/.test(location.href)) return;
@@ -50,8 +54,10 @@ function kept(base: string): string {
 }
 
 /** What others can open: the stream, its profile, the camera; never a token. */
-export function linkOf({ base, stream, query }: Place, camera?: Camera): string {
-  const said = query.toString(), at = (v: Vec3): string => v.map((x) => Number(x.toPrecision(5))).join(',');
+export function linkOf({ base, stream, query, room }: Place, camera?: Camera): string {
+  const all = new URLSearchParams(query);
+  if (room !== '') all.set('room', room);
+  const said = all.toString(), at = (v: Vec3): string => v.map((x) => Number(x.toPrecision(5))).join(',');
   return `${base}/${stream}${said === '' ? '' : `?${said}`}${camera?.isMoved ? `#eye=${at(camera.position)}&target=${at(camera.target)}` : ''}`;
 }
 /** Of a stream that somebody names: of this broker, or by its URL; nothing: neither. */

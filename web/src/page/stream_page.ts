@@ -8,6 +8,7 @@ import type { Hud } from './hud.js';
 import type { Note } from './note.js';
 import { command, copy, icon, part } from './parts.js';
 import { keepToken, linkOf, type Place } from './place.js';
+import type { RoomWay } from './room.js';
 import type { Recording } from './recording.js';
 import { bannerOf } from './words.js';
 
@@ -40,7 +41,7 @@ export class StreamPage implements Desk {
   #legend: HTMLElement | undefined;
   #legendSays = '';
 
-  constructor(place: Place, broker: Pick<Broker, 'retryNow'>, stage: Stage, stream: Stream, commands = COMMANDS) {
+  constructor(place: Place, broker: Pick<Broker, 'retryNow'> & Partial<RoomWay>, stage: Stage, stream: Stream, commands = COMMANDS) {
     this.#commands = commands;
     this.#place = place;
     this.#broker = broker;
@@ -67,6 +68,7 @@ export class StreamPage implements Desk {
     document.addEventListener('keydown', (event) => this.#onKey(event));
     this.#onFirstSurface();
     this.#onStatus();
+    if (place.room !== '' && broker.sendToRoom) void import('./room.js').then(({ RoomDesk }) => new RoomDesk(place, broker as RoomWay, stream, this.view, this.#main, part));
     if (stream.error) fail(stream.error);
     this.#refreshButtons();
     const turn = (nowMs: number): void => {
@@ -201,7 +203,7 @@ export class StreamPage implements Desk {
     if (this.#stream.surface) {
       if (this.#noted) this.#withNote((note) => note.hide());
     } else {
-      this.#withNote((note) => note.show(status, linkOf({ ...this.#place, query: new URLSearchParams() }), {
+      this.#withNote((note) => note.show(status, linkOf({ ...this.#place, query: new URLSearchParams(), room: '' }), {
         retry: () => this.#broker.retryNow(),
         token: (token) => {
           keepToken(this.#place.base, token);

@@ -39,7 +39,7 @@ export class Controls {
     }, { signal, passive: false });
     canvas.addEventListener('dblclick', (event) => {
       const hit = view.pick(this.#pixel(event));
-      if (hit) camera.lookAt(hit);
+      if (hit) camera.lookAt(hit.at);
       view.invalidate();
     }, { signal });
   }

@@ -40,6 +40,7 @@ export class LiveSurface {
   #isStale = false;
   #isTextured = false;
   #painter: NumberPainter | undefined;
+  #points: Uint32Array | undefined;
   #isInFlight = false;
   #isClosed = false;
   #drawn: Drawn | undefined;
@@ -125,6 +126,14 @@ export class LiveSurface {
   set painter(painter: NumberPainter | undefined) {
     this.#isStale ||= painter !== this.#painter;
     this.#painter = painter;
+  }
+  /** Vertices by their numbers in the source, whose places come with what is drawn. */
+  get points(): Uint32Array | undefined {
+    return this.#points;
+  }
+  set points(points: Uint32Array | undefined) {
+    this.#isStale ||= String(points) !== String(this.#points);
+    this.#points = points;
   }
   /** Triangles and all come with the next answer, as after a lost GL context. */
   forgetDrawn(): void {
@@ -213,7 +222,7 @@ export class LiveSurface {
     this.#isInFlight = true;
     try {
       const rebuilt = await this.stream.rebuild({
-        coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured,
+        coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured, points: this.#points,
         numbers: painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info, live: this }),
         ...(spare ? { room: { positions: spare.positions.buffer as ArrayBuffer, normals: spare.normals?.buffer as ArrayBuffer } } : {}),
       });

@@ -6,7 +6,7 @@ import { GlSurface } from './gl_surface.js';
 import { LiveSurface, type Drawn } from './live_surface.js';
 import { moved, type Vec3 } from './matrix.js';
 import type { Legend, NumberPainter } from './numbers.js';
-import { pick } from './pick.js';
+import { pick, type Hit } from './pick.js';
 import type { Renderer } from './renderer.js';
 import type { Picture, Stage } from './stage.js';
 import { isOfNumbers, STYLE, type Colouring, type ColourMap, type Style } from './style.js';
@@ -126,7 +126,7 @@ export class View {
   }
 
   /** The point of the surface under a pixel of the canvas, scene units. */
-  pick(pixel: Pixel): Vec3 | undefined {
+  pick(pixel: Pixel): Hit | undefined {
     const rebuilt = this.live.drawn?.rebuilt, gl = this.#gl;
     if (!rebuilt || !gl) return undefined;
     const { sceneFromSurface, triangles, spacing } = gl;

@@ -3,7 +3,7 @@
 // The page as the broker serves it, in Chromium, with real senders (EIGENCAST_BIN).
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
-import { writeFileSync } from 'node:fs';
+import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 import { BIN, Programs } from '../system/programs.mjs';
@@ -64,6 +64,48 @@ test('APathOfAProxyTakesNoSetting', async () => {
   } finally {
     await proxy.stop();
   }
+});
+
+test('PagesAndNativeViewersMeetInARoom', async () => {
+  const url = (name) => `http://127.0.0.1:${broker.port}/lab/still?room=lab/still&name=${name}`, report = join(programs.folder, 'room.json');
+  const names = (...all) => all.map((name) => `document.querySelector('.room').textContent.includes('${name}')`).join(' && ');
+  await onPage(url('Ada'), async (ada) => {
+    await ada.until(`${isLive} && ${names('Ada (you)')}`, 150_000);
+    await onPage(url('Bob'), async (bob) => {
+      await bob.until(`${isLive} && ${names('Ada', 'Bob (you)')}`, 150_000);
+      await ada.until(names('Bob'));
+      // Bob follows Ada, who leads.
+      await ada.key('o');
+      await bob.until(names('Ada (leads)'));
+      await ada.mouse('mousePressed', 240, 150, { button: 'left', buttons: 1, clickCount: 1 });
+      await ada.mouse('mouseMoved', 300, 170, { button: 'left', buttons: 1 });
+      await ada.mouse('mouseReleased', 300, 170, { button: 'left', clickCount: 1 });
+      // The ring covers the lower middle of the picture.
+      for (let y = 120; y < 260 && !(await bob.evaluate("document.querySelector('.mark.pointer') !== null")); y += 20) {
+        await ada.mouse('mouseMoved', 240, y);
+        await new Promise((resolve) => setTimeout(resolve, 400));
+      }
+      await bob.until("document.querySelector('.mark.pointer span')?.textContent === 'Ada' && !document.querySelector('.mark.pointer').hidden");
+      await ada.evaluate("document.querySelector('.room input').value = 'look here'");
+      await ada.key('t');
+      await bob.until("[...document.querySelectorAll('.mark:not(.pointer) span')].some((span) => span.textContent === 'look here')");
+      const at = (tab) => tab.evaluate("document.querySelector('.mark:not(.pointer)').style.transform");
+      const px = async (tab) => ((await at(tab)).match(/-?[\d.]+(?=px)/g) ?? []).map(Number);
+      await until(async () => {
+        const [x, y] = await px(ada), [u, v] = await px(bob);
+        return Math.hypot(x - u, y - v) < 3;
+      }, 'the pin at the same place of both pictures');
+      // A native viewer at a tenth of the vertices sees both, and the pin.
+      const viewer = programs.start('eigencast-client', `http://127.0.0.1:${broker.port}/lab/still`, '--headless', '--duration', '6', '--lod', '0.1', '--room', 'lab/still', '--name', 'Cleo', '--json', report);
+      await ada.until(names('Cleo'));
+      assert.equal(await viewer.ended, 0);
+      const seen = JSON.parse(readFileSync(report, 'utf8')).room;
+      assert.deepEqual(seen.members.map(({ name }) => name).sort(), ['Ada', 'Bob', 'Cleo']);
+      assert.deepEqual(seen.marks.filter(({ pin }) => pin).map(({ text }) => text), ['look here']);
+      await ada.until(`!(${names('Cleo')})`);
+    });
+    await ada.until(`!(${names('Bob')})`);
+  });
 });
 
 test('PagesElsewhereShowStreamsWhereTheyMay', async () => {

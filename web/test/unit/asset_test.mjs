@@ -46,6 +46,24 @@ test('Sha256IsThatOfNode', () => {
 for (const asset of ASSETS) {
   const golden = asset.golden;
 
+  test(`${asset.name}: PointsAreThoseOfTheWholeSurfaceAtEveryLevel`, () => {
+    const reader = opened(asset), surface = new Surface(core), C = Float64Array.from(reader.rest, (value, i) => value + 0.1 * Math.sin(i));
+    surface.update(reader);
+    const n = golden.n, sources = Uint32Array.from({ length: n }, (_, row) => core.exports.asset_source(reader.at, row, 0));
+    assert.deepEqual([...sources].sort((a, b) => a - b), Array.from({ length: n }, (_, i) => i), 'a permutation');
+    assert.equal(core.exports.asset_source(reader.at, n, 0), -1, 'none such');
+    const whole = surface.rebuild(reader, C, 3).positions.slice();
+    surface.rebuild(reader, C, 3, golden.q);
+    const points = surface.points(reader, C, 3, Uint32Array.of(sources[n - 1], n + 7, sources[0]));
+    for (let i = 0; i < 3; ++i) {
+      assert.ok(Math.abs(points[i] - whole[3 * (n - 1) + i]) < 1e-5 && Math.abs(points[6 + i] - whole[i]) < 1e-5);
+      assert.ok(Number.isNaN(points[3 + i]));
+    }
+    assert.equal(surface.rebuild(reader, C, 3, golden.q).level, golden.q);
+    surface.free();
+    reader.free();
+  });
+
   test(`${asset.name}: FactsAreThoseOfTheNativeReader`, () => {
     const reader = opened(asset);
     assert.equal(core.sha256(asset.manifest), golden.id);

@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, figureLines, History, linkOf, NumberPainter, otherTime, pageOf, pick, placeOf, positionsOf, roundUp, tableOf, textFromMode, tileWidth } = internals;
+const { bannerOf, Camera, figureLines, History, linkOf, nameFrom, NumberPainter, otherTime, pageOf, pick, placeOf, pointFrom, positionsOf, RoomState, roundUp, tableOf, textFromMode, tileWidth } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -83,10 +83,10 @@ test('TheNearestFaceOrPointIsPicked', () => {
   const square = (z) => [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]].flat();
   const positions = new Float32Array([...square(0), ...square(1)]), sceneFromSurface = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
   const triangles = new Uint32Array([0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7]);
-  near(pick([{ positions, triangles, sceneFromSurface, radius: 0 }], camera, [200, 200]), [0, 0, 1], 1e-6);
+  near(pick([{ positions, triangles, sceneFromSurface, radius: 0 }], camera, [200, 200]).at, [0, 0, 1], 1e-6);
   assert.equal(pick([{ positions, triangles, sceneFromSurface, radius: 0 }], camera, [2, 2]), undefined);
   const point = { positions: new Float32Array([0, 0, 2]), triangles: new Uint32Array(), sceneFromSurface, radius: 0.1 };
-  near(pick([point], camera, [202, 200]), [0, 0, 2], 0.1);
+  near(pick([point], camera, [202, 200]).at, [0, 0, 2], 0.1);
 });
 
 test('NumbersSpanRoundNumbersAndNeverShrink', () => {
@@ -131,10 +131,35 @@ test('ColourTablesAreThoseOfTheNativeViewer', () => {
   }
 });
 
+test('RoomsAreFollowedByTheirNews', () => {
+  const state = new RoomState();
+  state.take({ op: 'room', room: 'a', self: 3, resume: 'secret', speaks: true });
+  state.take({ op: 'room', room: 'a', whole: true, members: [{ id: 3, name: 'Ada', colour: '#ff0000' }, { id: 2, name: 'Bob', colour: 'url(evil)', here: false, values: { 'pin.1': [1], x: 0 } }], floors: [{ floor: 'lead', member: 3 }] });
+  assert.deepEqual([state.self, state.speaks, state.resume, state.leader.name], [3, true, 'secret', 'Ada']);
+  assert.deepEqual([state.members.get(2).here, state.members.get(2).colour], [false, '#808080']);
+  state.take({ members: [{ id: 2, here: false, values: { 'pin.1': null } }, { id: 'x' }, null, 7], gone: [3], floors: [{ floor: 'lead', member: 0 }] });
+  assert.deepEqual([...state.members.get(2).values.keys()], ['x']);
+  assert.equal(state.leader, undefined);
+  state.take({ whole: true, members: 'no list', floors: {} });
+  assert.equal(state.members.size, 0);
+});
+
+test('SurfacePointsOfOthersAreChecked', () => {
+  const point = { stream: 'demo', corners: [7, 8, 9], weights: [0.5, 0.25, 0.25], note: 'here' };
+  assert.deepEqual(pointFrom(point), point);
+  for (const evil of [null, 7, [], { ...point, stream: 7 }, { ...point, corners: [1, 2] }, { ...point, corners: [1, 2, -3] }, { ...point, corners: [1, 2, 0.5] },
+    { ...point, corners: [1, 2, 4294967295] }, { ...point, weights: [1, 1, 0] }, { ...point, weights: [2, -1, 0] }, { ...point, weights: ['1', 0, 0] }]) {
+    assert.equal(pointFrom(evil), undefined, JSON.stringify(evil));
+  }
+  assert.equal(pointFrom({ ...point, note: 'x'.repeat(10_000) }).note.length, 500);
+  assert.equal(nameFrom('A\nd\u0007a'), 'Ada');
+  assert.ok(new TextEncoder().encode(nameFrom('\u{1f600}'.repeat(40))).length <= 64);
+});
+
 test('AddressesSayBrokerStreamProfileAndCamera', () => {
   const script = 'https://host/behind/v1/web/page.js';
   const place = placeOf(new URL('https://host/behind/lab/horse?rate=raw&embed=1#eye=1,2,3&target=0,0,0.5&access_token=secret'), script);
-  assert.deepEqual({ ...place, query: String(place.query) }, { base: 'https://host/behind', stream: 'lab/horse', query: 'rate=raw', token: 'secret', isEmbedded: true, eye: [1, 2, 3], target: [0, 0, 0.5] });
+  assert.deepEqual({ ...place, query: String(place.query) }, { base: 'https://host/behind', stream: 'lab/horse', query: 'rate=raw', token: 'secret', isEmbedded: true, room: '', person: '', eye: [1, 2, 3], target: [0, 0, 0.5] });
   const camera = new Camera();
   assert.equal(linkOf(place, camera), 'https://host/behind/lab/horse?rate=raw', 'nobody has moved the camera');
   camera.lookFrom([1, 2, 3], [0, 0, 0.5]);
@@ -143,6 +168,10 @@ test('AddressesSayBrokerStreamProfileAndCamera', () => {
   const again = placeOf(new URL(link), script);
   near(again.eye, [1, 2, 3], 1e-4);
   near(again.target, [0, 0, 0.5], 1e-4);
+  const inRoom = placeOf(new URL('https://host/behind/lab/horse?rate=raw&room=lab/a%20b&name=Ada'), script);
+  assert.deepEqual([inRoom.room, inRoom.person, inRoom.query.toString()], ['lab/a b', 'Ada', 'rate=raw']);
+  assert.equal(placeOf(new URL(linkOf(inRoom)), script).room, 'lab/a b', 'a link leads into the room, not in the name of who gives it');
+  assert.equal(placeOf(new URL(linkOf(inRoom)), script).person, '');
   assert.equal(placeOf(new URL('https://host/behind/'), script).stream, '');
   assert.equal(placeOf(new URL('https://host/behind/x#eye=1,2'), script).eye, undefined);
 });
