@@ -18,6 +18,7 @@ Result<std::unique_ptr<PoseSource>> subscribe(const std::string& stream, const C
   wanted.url = stream;
   wanted.profile = options.profile;
   wanted.cache_dir = options.cache_dir;
+  wanted.sync = options.sync;
   if (credentials != nullptr) {
     wanted.credentials = *credentials;
     return subscribe_to(std::move(wanted), log);

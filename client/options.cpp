@@ -270,7 +270,11 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--out", "--screenshot"}, film, "is for live pictures; --film says where its own go"},
       {{"--resolver", "--target-fps", "--playout"}, film, "is for live pictures; a film takes the time that it takes"},
       {{"--record", "--record-shown", "--room"}, film, "is for live pictures"},
-      {{"--room"}, files_only, kOfBrokers},
+      {{"--room", "--sync"}, files_only, kOfBrokers},
+      {{"--sync"}, film, "is for live pictures"},
+      {{"--smooth", "--delay"},
+       !options.sync.empty(),
+       "says how long poses are held, which --sync leaves to the broker"},
       {{"--name"}, options.room.empty() && std::getenv("EIGENCAST_NAME") == nullptr, "goes with --room"},
       {{"--truth"}, film, "is for live pictures; a file that is filmed is its own"},
       {{"--compare"}, film, "is for live pictures"},
@@ -400,6 +404,9 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
          Choices{"catmull-rom", "damped", "hermite", "linear"}},
         {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
         {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
+        {"--sync", &options.sync,
+         "show the same moment as all who give this name for their group, as late as the slowest of them needs (300 ms "
+         "at most); goes with --playout interpolate (default then) or estimate"},
         {"--room", &options.room,
          "be in this room of the first stream's broker: people see each other's pointers and pinned notes, and follow "
          "one who leads"},
@@ -509,6 +516,8 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
     options.film = FilmOptions{*target, raw.fps, raw.seconds};
     options.headless = true;
   }
+  if (!options.sync.empty() && line.has("--playout") && raw.playout == "latest")
+    return wrong("--sync: goes with --playout interpolate or estimate; latest shows each pose when it comes");
   if (!options.room.empty() && options.person.empty()) {
     const char* const user = std::getenv("USER");
     options.person = user != nullptr && *user != '\0' ? user : "viewer";
@@ -541,11 +550,12 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (options.film && !has_length && (streams == 0 || files_in(options.scene.streams) < streams))
     return wrong("--film of a stream: say how long it is with --seconds, --turntable or --camera-path");
   const bool has_delay = line.has("--smooth") || line.has("--delay") || line.has("--ahead");
-  options.playout_given = has_delay || line.has("--playout");
+  options.playout_given = has_delay || line.has("--playout") || !options.sync.empty();
   if (line.has("--smooth") && line.has("--delay"))
     return wrong("--smooth and --delay both say how long poses are held back; give one of them");
   PlayoutSettings& playout = options.view_options.playout;
   playout.mode = kPlayoutNames.find(raw.playout).value_or(PlayoutMode::kLatest);
+  if (!options.sync.empty() && !line.has("--playout")) playout.mode = PlayoutMode::kInterpolate;
   // So that poses of both have come.
   if (!options.compare.empty() && !options.playout_given) playout.mode = PlayoutMode::kInterpolate;
   if (line.has("--smooth")) playout.smoothness = raw.smooth;

@@ -28,6 +28,7 @@ struct ClientOptions {
   LevelSettings levels;
   RebuildOn reconstruct = RebuildOn::kAuto;
   bool follow_display = false;  ///< target_fps follows the display.
+  std::string sync;             ///< Group of viewers that show the same moment; empty: none.
   std::string room, person;     ///< Empty room: none.
   std::string camera_path;      ///< Empty: the user moves the camera.
   std::string view = "iso";

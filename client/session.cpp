@@ -316,6 +316,7 @@ HudFigures Session::figures() const {
   if (levels_.active() || levels_.quality() != PictureQuality()) f.lowered = text_from_lowered(levels_, f);
   if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
   f.shown = text_from_shown(first.shown(), first.settling(), first.playout());
+  if (first.shown_capture_us()) f.shown += " \xC2\xB7 " + timecode_of(*first.shown_capture_us());
   f.mode = text_from_mode(source.info() ? source.info()->profile : options_.profile.value_or(Profile{}));
   return f;
 }

@@ -174,6 +174,10 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["playout"] = {{"mode", kPlayoutNames[playout.settings().mode]},
                        {"smoothness", playout.smoothness()},
                        {"delay_us", playout.delay_us()}};
+  report["playout"]["lag_us"] = json_from(source.lag_us());
+  report["shown"] = {
+      {"capture_us", json_from(view.shown_capture_us())},
+      {"timecode", view.shown_capture_us() ? json(timecode_of(*view.shown_capture_us())) : json(nullptr)}};
   for (std::size_t i = 0; i < view.times_shown().size(); ++i)
     report["playout"]["shown"][std::string(kShownNames[static_cast<Shown>(i)])] = view.times_shown()[i];
   if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};

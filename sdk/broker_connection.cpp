@@ -113,6 +113,13 @@ void BrokerConnection::say_prepared(const Listener& listener, const std::string&
   }
 }
 
+void BrokerConnection::say_late(const Listener& listener, TimeUs lag_us) {
+  const std::lock_guard lock(mutex_);
+  for (const Stream& stream : streams_) {
+    if (stream.listener == &listener && stream.id && open_) send(control::Late{stream.name(), lag_us});
+  }
+}
+
 void BrokerConnection::leave(const Listener& listener) {
   const std::lock_guard lock(mutex_);
   const auto at = std::find_if(streams_.begin(), streams_.end(), [&](auto& s) { return s.listener == &listener; });
@@ -129,6 +136,7 @@ std::string BrokerConnection::next_target() {
   url_stream_.clear();
   if (streams_.size() != 1 || !rooms_.empty()) return "/v1/subscribe";
   const control::Subscribe& only = streams_.front().request.subscribe;
+  if (!only.sync.empty()) return "/v1/subscribe";  // A URL does not say it.
   url_stream_ = only.stream;
   return "/v1/subscribe/" + only.stream + "?" + query_from_profile(only.profile);
 }
@@ -208,6 +216,10 @@ void BrokerConnection::on_message(const control::Pong& m) {
 
 void BrokerConnection::on_message(const control::Notice& m) {
   for_each(m.stream, [&](Stream& stream) { stream.listener->on_notice(m); });
+}
+
+void BrokerConnection::on_message(const control::Moment& m) {
+  if (const Stream* stream = find(m.stream)) stream->listener->on_moment(m);
 }
 
 void BrokerConnection::on_message(const control::Room& m) {

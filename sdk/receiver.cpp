@@ -16,6 +16,7 @@ using std::chrono::milliseconds;
 constexpr std::size_t kMaxPoses = 64;
 constexpr std::size_t kMaxTraces = 256;
 constexpr TimeUs kNoticeUs = 3'000'000;
+constexpr TimeUs kLateEveryUs = 250'000;
 
 /// Nothing: there is none.
 std::optional<TimeUs> retry_at_us(milliseconds wait) {
@@ -74,6 +75,7 @@ void Receiver::on_open(const BrokerUrl& broker) {
   condition_.trouble.clear();
   condition_.retry_at_us.reset();
   condition_.clock.reset();
+  broker_lag_us_.reset();
   decoder_.restart();
   forget_memory();
   lock.unlock();
@@ -174,6 +176,27 @@ void Receiver::on_crowded_out() {
 void Receiver::on_clock(const ClockOffset::Estimate& clock) {
   const std::lock_guard lock(mutex_);
   condition_.clock = clock;
+}
+
+void Receiver::on_moment(const control::Moment& moment) {
+  const std::lock_guard lock(mutex_);
+  broker_lag_us_ = moment.lag_us;
+}
+
+std::optional<TimeUs> Receiver::lag_us() const {
+  const std::lock_guard lock(mutex_);
+  if (!broker_lag_us_ || !condition_.clock) return std::nullopt;
+  return *broker_lag_us_ - condition_.clock->offset_us;
+}
+
+void Receiver::report_late(TimeUs needed_lag_us) {
+  std::unique_lock lock(mutex_);
+  const TimeUs now = steady_now_us();
+  if (request_.subscribe.sync.empty() || !condition_.clock || now - late_said_us_ < kLateEveryUs) return;
+  late_said_us_ = now;
+  const TimeUs offset_us = condition_.clock->offset_us;
+  lock.unlock();
+  connection_->say_late(*this, needed_lag_us + offset_us);
 }
 
 void Receiver::on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) {

@@ -57,6 +57,10 @@ class Receiver final : private BrokerConnection::Listener {
   /// Keys may be predicted from these poses from now on, unless a memory that begins otherwise was announced meanwhile.
   void hold(const control::Remember& memory, const PoseMemory& poses);
   void say_prepared(const std::string& asset) { connection_->say_prepared(*this, asset); }
+  /// At t on our clock the pose of t minus this is to be shown; nothing: that is not known (yet).
+  std::optional<TimeUs> lag_us() const;
+  /// On our clock, see control::Late; passed on four times a second at most.
+  void report_late(TimeUs needed_lag_us);
   std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.
   Condition condition() const;
 
@@ -70,6 +74,7 @@ class Receiver final : private BrokerConnection::Listener {
   void on_error(const control::ErrorMessage& error, bool declined) override;
   void on_crowded_out() override;
   void on_clock(const ClockOffset::Estimate& clock) override;
+  void on_moment(const control::Moment& moment) override;
   void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) override;
   void forget_memory();  ///< REQUIRES: mutex_ is held.
   /// Errors: for the log. REQUIRES: mutex_ is held.
@@ -87,7 +92,8 @@ class Receiver final : private BrokerConnection::Listener {
   std::deque<control::Trace> traces_;  ///< Bounded, newest kept.
   News news_;
   Condition condition_;
-  TimeUs notice_until_us_ = 0;
+  TimeUs notice_until_us_ = 0, late_said_us_ = 0;
+  std::optional<TimeUs> broker_lag_us_;  ///< On its clock.
   std::uint64_t unreadable_ = 0;
   bool crowded_out_ = false;  ///< Another connection is to be asked for the stream.
   bool misplaced_ = false;    ///< Refused before it was ever open: the broker may be behind a path.

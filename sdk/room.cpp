@@ -93,7 +93,7 @@ class BrokerRoom final : public RoomClient, private BrokerConnection::RoomListen
   RoomState state_;                   ///< GUARDED_BY(mutex_)
   std::map<std::string, Said> said_;  ///< GUARDED_BY(mutex_)
   TimeUs said_us_ = -kSayEveryUs;     ///< GUARDED_BY(mutex_)
-  TimeUs asked_us_ = 0;                ///< GUARDED_BY(mutex_)
+  TimeUs asked_us_ = 0;               ///< GUARDED_BY(mutex_)
   std::shared_ptr<BrokerConnection> connection_;
 };
 

@@ -29,6 +29,8 @@ class BrokerSubscriber final : public Subscriber {
         receiver_(url, request, [this] { wake(); }) {}
 
   std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
+  std::optional<TimeUs> lag_us() const override { return receiver_.lag_us(); }
+  void report_late(TimeUs needed_lag_us) override { receiver_.report_late(needed_lag_us); }
 
   std::vector<ReceivedPose> poll(milliseconds timeout) override {
     {
@@ -180,7 +182,10 @@ Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options
   if (!url) return url.error();
   const auto profile = options.profile ? Result<Profile>(*options.profile) : profile_from_query(url->query);
   if (!profile) return profile.error();
-  BrokerConnection::Request request{{url->stream, *profile}, options.trace_every, options.declined_retry, log};
+  const control::Subscribe subscribe{url->stream, *profile, options.sync};
+  if (const auto checked = control_from_text(text_from_control(subscribe)); !checked)
+    return fail(ErrorCode::kInvalidArgument, checked.error().message);
+  BrokerConnection::Request request{subscribe, options.trace_every, options.declined_retry, log};
   MemoryBudget& memory = options.memory != nullptr ? *options.memory : received_memory();
   return std::unique_ptr<Subscriber>(
       std::make_unique<BrokerSubscriber>(*url, std::move(options.cache_dir), request, memory));

@@ -30,6 +30,7 @@ struct SubscriberOptions {
   std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.
   std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
   Credentials credentials = {};                    ///< Token and trusted authorities; see common/net/url.h.
+  std::string sync = {};                           ///< A group of viewers that show the same moment; empty: none.
   MemoryBudget* memory = nullptr;  ///< Bounds what its surface may take; outlives it. Null: received_memory().
 };
 
@@ -85,6 +86,10 @@ class Subscriber {
   /// Is the one announced last; nothing before, or after the broker refused it.
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Stats stats() const = 0;
+  /// With `sync`: at t on our clock the pose of t minus this is to be shown; nothing: that is not known (yet).
+  virtual std::optional<TimeUs> lag_us() const { return std::nullopt; }
+  /// With `sync`: Playout::needed_lag_us(), on our clock.
+  virtual void report_late(TimeUs /*needed_lag_us*/) {}
   /// Since the last call, oldest first (at most 256: older ones are dropped).
   virtual std::vector<control::Trace> take_traces() = 0;
 };

@@ -44,6 +44,9 @@ class PoseSource {
   virtual const ChangeOver* change() const { return nullptr; }
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Subscriber::Stats stats() const = 0;
+  /// As Subscriber's.
+  virtual std::optional<TimeUs> lag_us() const { return std::nullopt; }
+  virtual void report_late(TimeUs /*needed_lag_us*/) {}
   /// The exact surface, if it is known here; else null. Owned by the source.
   virtual Truth* truth() const { return nullptr; }
   /// Of a clip, which is played as this says, and whose poses come exactly when they are to be shown: nothing is held

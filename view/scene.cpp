@@ -98,8 +98,11 @@ void Scene::receive(std::size_t index, const PoseSource& source, const std::vect
 bool Scene::advance(std::span<PoseSource* const> sources, TimeUs now_us) {
   std::vector<Instance*> changed;
   for (Instance& instance : instances_) {
+    PoseSource& source = *sources[instance.placement.source];
     instance.view.lod().set_fraction(lod_.fraction());
-    if (!instance.view.prepare(*sources[instance.placement.source], now_us)) continue;
+    instance.view.set_lag(source.lag_us());
+    if (const auto needed = instance.view.playout().needed_lag_us()) source.report_late(*needed);
+    if (!instance.view.prepare(source, now_us)) continue;
     share_basis(instance.view);
     changed.push_back(&instance);
   }

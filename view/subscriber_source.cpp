@@ -13,6 +13,8 @@ class SubscriberSource final : public PoseSource {
   std::uint32_t epoch() const override { return subscriber_->epoch(); }
   const std::optional<control::StreamInfo>& info() const override { return subscriber_->info(); }
   Subscriber::Stats stats() const override { return subscriber_->stats(); }
+  std::optional<TimeUs> lag_us() const override { return subscriber_->lag_us(); }
+  void report_late(TimeUs needed_lag_us) override { subscriber_->report_late(needed_lag_us); }
 
  private:
   std::unique_ptr<Subscriber> subscriber_;

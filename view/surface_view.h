@@ -137,6 +137,7 @@ class SurfaceView {
   /// A source with a timeline() needs none: its poses are shown as they come.
   void set_playout(const PlayoutSettings& settings);
   const Playout& playout() const { return playout_; }
+  void set_lag(std::optional<TimeUs> lag_us) { playout_.set_lag(lag_us); }  ///< Playout::set_lag().
   /// kHeld before the first pose.
   Shown shown() const { return shown_; }
   bool settling() const { return settling_; }  ///< See PlayoutPose.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "broker/connections/subscriber.h"
 
+#include <algorithm>
+#include <cstdlib>
 #include <utility>
 
 #include "broker/access/resume_secret.h"
@@ -12,6 +14,7 @@ namespace {
 
 /// Of a message about a room: what its making costs, of which those that get the same share a part only.
 constexpr double kNewsUs = 10, kNewsBytesPerUs = 50;
+constexpr TimeUs kTellLagUs = 1'000, kNoteEveryUs = 100'000;
 
 }  // namespace
 
@@ -53,13 +56,15 @@ void Subscriber::on_message(const ControlMessage& message) {
     return;
   }
   if (const auto* what = std::get_if<control::Say>(&message)) return say(*what);
+  if (const auto* late = std::get_if<control::Late>(&message)) return note_late(*late);
   if (const auto* wish = std::get_if<control::Enter>(&message)) return enter(*wish);
   if (const auto* floor = std::get_if<control::Floor>(&message)) return take(*floor);
   if (const auto* what = std::get_if<control::Leave>(&message)) return leave(*what);
-  send_error(fail(ErrorCode::kUnsupported,
-                  "a viewer sends subscribe, unsubscribe, prepared, trace_request, ack, enter, say, floor, leave, ping "
-                  "and pong"),
-             {});
+  send_error(
+      fail(ErrorCode::kUnsupported,
+           "a viewer sends subscribe, unsubscribe, prepared, trace_request, ack, late, enter, say, floor, leave, "
+           "ping and pong"),
+      {});
 }
 
 void Subscriber::on_binary(ByteView) {
@@ -94,11 +99,14 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     return context().hub.unwatched(**stream);
   }
   entry.ladder = Ladder(request.profile);
+  synchronise(entry, request.sync);
   context().hub.mark_dirty(**stream);
 }
 
 void Subscriber::unsubscribe(const control::Unsubscribe& request) {
   Stream* stream = context().hub.find(request.stream);
+  const auto watched = stream != nullptr ? streams_.find(stream->id()) : streams_.end();
+  if (watched != streams_.end()) synchronise(watched->second, {});
   if (stream == nullptr || streams_.erase(stream->id()) == 0) {
     return send_error(fail(ErrorCode::kNotFound, "this connection does not watch '" + request.stream + "'"),
                       request.stream);
@@ -107,6 +115,52 @@ void Subscriber::unsubscribe(const control::Unsubscribe& request) {
   outbox().close_lane(stream->id());
   stream->unwatch(*this);
   context().hub.unwatched(*stream);
+}
+
+void Subscriber::synchronise(Watched& watched, const std::string& group) {
+  if (watched.moment) context().moments.leave(*watched.moment);
+  watched.moment.reset();
+  watched.lag_us.reset();
+  if (!group.empty()) watched.moment = context().moments.join(group, watched.stream->name());
+  follow_beat();
+}
+
+void Subscriber::note_late(const control::Late& late) {
+  const Stream* stream = context().hub.find(late.stream);
+  const auto watched = stream != nullptr ? streams_.find(stream->id()) : streams_.end();
+  if (watched == streams_.end() || !watched->second.moment) return;
+  context().moments.report(*watched->second.moment, late.lag_us, steady_now_us());
+}
+
+void Subscriber::note_arrival(const Stream& stream, std::span<const FramePtr> frames) {
+  const auto watched = streams_.find(stream.id());
+  if (watched == streams_.end() || !watched->second.moment) return;
+  for (const FramePtr& frame : frames) {
+    const TimeUs arrival_us = frame->times.arrival_us;
+    if (!frame->envelope.is_key() || arrival_us < watched->second.noted_us + kNoteEveryUs) continue;
+    watched->second.noted_us = arrival_us;
+    context().moments.note_arrival(*watched->second.moment, arrival_us - frame->envelope.capture_us, arrival_us);
+  }
+}
+
+void Subscriber::tell_moments() {
+  for (auto& [id, watched] : streams_) {
+    if (!watched.moment) continue;
+    const auto lag_us =
+        context().moments.lag_us(*watched.moment, steady_now_us(), context().config.frames.max_sync_ms * 1000);
+    if (!lag_us || (watched.lag_us && std::abs(*lag_us - *watched.lag_us) < kTellLagUs)) continue;
+    watched.lag_us = lag_us;
+    send(control::Moment{watched.stream->name(), *lag_us});
+  }
+}
+
+void Subscriber::follow_beat() {
+  const bool tells = !rooms_.empty() || std::any_of(streams_.begin(), streams_.end(), [](const auto& watched) {
+    return watched.second.moment.has_value();
+  });
+  if (!tells) return void(context().on_beat.erase(this));
+  context().on_beat.insert(this);
+  context().arm_beat();
 }
 
 void Subscriber::enter(const control::Enter& wish) {
@@ -131,8 +185,7 @@ Result<void> Subscriber::try_to_enter(const control::Enter& wish) {
   const auto seat = context().rooms.enter(wish, {holder(), resume_proof(*secret, key), former}, room_limits());
   if (!seat) return seat.error();
   rooms_.emplace(wish.room, *seat);
-  context().in_rooms.insert(this);
-  context().arm_rooms();
+  follow_beat();
   control::Room answer;
   answer.room = wish.room;
   answer.self = seat->member;
@@ -160,12 +213,13 @@ void Subscriber::leave(const control::Leave& what) {
   if (found == rooms_.end()) return;
   context().rooms.leave(what.room, found->second);
   rooms_.erase(found);
-  if (rooms_.empty()) context().in_rooms.erase(this);
+  follow_beat();
 }
 
 void Subscriber::tell_news() {
   guarded([this] {
     if (outbox().control_messages() > 0 || is_closing()) return;
+    tell_moments();
     for (const auto& [room, seat] : rooms_) {
       for (const Outbox::Text& text : context().rooms.news(room, seat)) {
         charge(kNewsUs + static_cast<double>(text->size()) / kNewsBytesPerUs);
@@ -228,6 +282,7 @@ void Subscriber::on_restart(const Stream& stream) {
 }
 
 void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {
+  if (context().on_beat.contains(this)) note_arrival(stream, frames);
   deliver(stream.id(), frames);
 }
 
@@ -278,8 +333,9 @@ void Subscriber::report_dropped() {
 void Subscriber::on_closed() {
   report_dropped();
   for (const auto& [room, seat] : std::exchange(rooms_, {})) context().rooms.leave(room, seat);
-  context().in_rooms.erase(this);
+  context().on_beat.erase(this);
   for (const auto& [id, watched] : std::exchange(streams_, {})) {
+    if (watched.moment) context().moments.leave(*watched.moment);
     watched.stream->unwatch(*this);
     context().hub.unwatched(*watched.stream);
   }

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "broker/connections/connection.h"
+#include "broker/relay/moments.h"
 #include "broker/relay/rooms.h"
 #include "broker/relay/stream.h"
 
@@ -32,6 +33,15 @@ class Subscriber final : public Watcher, public Connection {
   void tell_news() override;
 
  private:
+  struct Watched {
+    Stream* stream;
+    Ladder ladder;
+    std::uint32_t told = 0;  ///< The generation of its memory that the viewer was told of.
+    std::optional<Moments::Seat> moment{};
+    std::optional<TimeUs> lag_us{};  ///< That the viewer was told of.
+    TimeUs noted_us = 0;             ///< When an arrival was noted last.
+  };
+
   void on_open() override;
   void on_message(const ControlMessage& message) override;
   void on_binary(ByteView message) override;
@@ -43,6 +53,13 @@ class Subscriber final : public Watcher, public Connection {
   std::string label() const override;
   void subscribe(const control::Subscribe& request);
   void unsubscribe(const control::Unsubscribe& request);
+  /// group: empty: none.
+  void synchronise(Watched& watched, const std::string& group);
+  void tell_moments();
+  void note_late(const control::Late& late);
+  void note_arrival(const Stream& stream, std::span<const FramePtr> frames);
+  /// Whether it is told news.
+  void follow_beat();
   void enter(const control::Enter& wish);
   Result<void> try_to_enter(const control::Enter& wish);
   void say(const control::Say& what);
@@ -56,11 +73,6 @@ class Subscriber final : public Watcher, public Connection {
   void step(Stream& stream, Ladder& ladder);
 
   std::optional<control::Subscribe> first_;
-  struct Watched {
-    Stream* stream;
-    Ladder ladder;
-    std::uint32_t told = 0;  ///< The generation of its memory that the viewer was told of.
-  };
   std::map<std::uint32_t, Watched> streams_;  ///< For few streams a tree takes less memory than a hash table.
   std::map<std::string, Rooms::Seat> rooms_;  ///< At most limits::kMaxRooms.
   std::uint64_t joins_counted_ = 0;

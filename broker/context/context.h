@@ -26,6 +26,7 @@ class Gate;
 class Hub;
 class Loops;
 class MemoryReads;
+class Moments;
 class NewcomerTime;
 class Ownership;
 class Recorder;
@@ -55,13 +56,14 @@ struct Context : SharedContext {
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
   MemoryReads& memory_reads;                       ///< Of the first loop.
-  Rooms& rooms;                                    ///< All loops share them.
+  Rooms& rooms;                                    ///< All loops share them,
+  Moments& moments;                                ///< and these.
   /// Connections of this loop, those on their way to it included. Any thread may read it.
   std::atomic<std::uint64_t> connection_count{0};
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< Open WebSockets.
-  std::unordered_set<Connection*> in_rooms{};     ///< They are told news at most ten times a second,
-  std::function<void()> arm_rooms{};              ///< once this is called for the first.
+  std::unordered_set<Connection*> on_beat{};      ///< They are told news at most ten times a second,
+  std::function<void()> arm_beat{};               ///< once this is called for the first.
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;

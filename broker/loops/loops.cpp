@@ -16,7 +16,7 @@ namespace {
 
 // Poses of many streams due within this gap are pumped together.
 constexpr TimeUs kMinPumpGapUs = 1000;
-constexpr std::chrono::milliseconds kNewsEvery{100};  // Of rooms.
+constexpr std::chrono::milliseconds kNewsEvery{100};  // Of rooms and moments.
 constexpr std::size_t kToldAtOnce = 64;
 constexpr TimeUs kClusterPrepareUs = 5'000'000;  // What viewers at other brokers have to fetch a next asset.
 
@@ -64,9 +64,12 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
             asio::post(disk, [guard = asio::make_work_guard(io_), work = std::move(work)] { work(); });
           },
           [this](MemoryReads::Work work) { asio::post(io_, std::move(work)); }),
-      context_{shared,        io_,           config,         hub_,
-               turn_,         newcomers_,    siblings.loops, siblings.last_connection_id,
-               memory_reads_, siblings.rooms},
+      context_{shared,          io_,
+               config,          hub_,
+               turn_,           newcomers_,
+               siblings.loops,  siblings.last_connection_id,
+               memory_reads_,   siblings.rooms,
+               siblings.moments},
       io_(1),
       turn_(io_, turn_settings(config), shared.log,
             [this] {
@@ -76,8 +79,8 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
       newcomers_(io_),
       schedule_(io_.get_executor()),
       tick_(io_.get_executor()),
-      rooms_tick_(io_.get_executor()) {
-  context_.arm_rooms = [this] { arm_rooms(); };
+      beat_(io_.get_executor()) {
+  context_.arm_beat = [this] { arm_beat(); };
 }
 
 void Loop::begin() {
@@ -129,25 +132,25 @@ void Loop::tick() {
   for (Connection* connection : context_.connections) connection->tick();
 }
 
-void Loop::arm_rooms() {
-  if (std::exchange(rooms_armed_, true)) return;
-  run_after(rooms_tick_, kNewsEvery, [this] {
-    rooms_armed_ = false;
-    if (context_.in_rooms.empty()) return;
-    arm_rooms();
+void Loop::arm_beat() {
+  if (std::exchange(beat_armed_, true)) return;
+  run_after(beat_, kNewsEvery, [this] {
+    beat_armed_ = false;
+    if (context_.on_beat.empty()) return;
+    arm_beat();
     if (!to_tell_.empty()) return;
-    to_tell_.assign(context_.in_rooms.begin(), context_.in_rooms.end());
-    tell_rooms();
+    to_tell_.assign(context_.on_beat.begin(), context_.on_beat.end());
+    tell_some();
   });
 }
 
-void Loop::tell_rooms() {
+void Loop::tell_some() {
   for (std::size_t i = 0; i < kToldAtOnce && !to_tell_.empty(); ++i) {
     Connection* connection = to_tell_.back();
     to_tell_.pop_back();
-    if (context_.in_rooms.contains(connection)) connection->tell_news();
+    if (context_.on_beat.contains(connection)) connection->tell_news();
   }
-  if (!to_tell_.empty()) asio::post(io_, [this] { tell_rooms(); });
+  if (!to_tell_.empty()) asio::post(io_, [this] { tell_some(); });
 }
 
 struct Loops::Other {
@@ -166,7 +169,7 @@ Loops::Loops(const Config& config, const SharedContext& shared, std::vector<Stre
     origin_ = std::make_unique<MirrorOrigin>(others, origin_environment());
     taps.push_back(origin_.get());
   }
-  const Loop::Siblings siblings{*this, ids_, std::make_shared<StreamMemory>(), last_connection_id_, rooms_};
+  const Loop::Siblings siblings{*this, ids_, std::make_shared<StreamMemory>(), last_connection_id_, rooms_, moments_};
   first_ = std::make_unique<Loop>(config, shared, siblings, std::move(taps), nullptr);
   for (std::size_t i = 0; i < others; ++i) {
     Other& other = *others_.emplace_back(std::make_unique<Other>(mirror_environment(i)));

@@ -13,6 +13,7 @@
 #include "broker/relay/hub.h"
 #include "broker/relay/memory_reads.h"
 #include "broker/relay/mirror.h"
+#include "broker/relay/moments.h"
 #include "broker/relay/rooms.h"
 #include "broker/sockets/newcomer_time.h"
 #include "broker/sockets/turn.h"
@@ -28,6 +29,7 @@ class Loop {
     std::shared_ptr<StreamMemory> memory;
     std::atomic<std::uint64_t>& last_connection_id;
     Rooms& rooms;
+    Moments& moments;
   };
 
   Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
@@ -50,9 +52,9 @@ class Loop {
 
  private:
   void tick();
-  void arm_rooms();
+  void arm_beat();
   /// So many connections now, others in later turns.
-  void tell_rooms();
+  void tell_some();
 
   Hub hub_;
   MemoryReads memory_reads_;
@@ -64,9 +66,9 @@ class Loop {
   std::optional<TimeUs> scheduled_us_;
   TimeUs pumped_us_ = 0;
   Timer tick_;
-  Timer rooms_tick_;
-  bool rooms_armed_ = false;
-  std::vector<Connection*> to_tell_;  ///< Those that are gone meanwhile are no more in in_rooms.
+  Timer beat_;
+  bool beat_armed_ = false;
+  std::vector<Connection*> to_tell_;  ///< Those that are gone meanwhile are no more on_beat.
 };
 
 /// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The
@@ -104,6 +106,7 @@ class Loops {
   const std::shared_ptr<StreamIds> ids_;
   std::atomic<std::uint64_t> last_connection_id_{0};
   Rooms rooms_;
+  Moments moments_;
   std::unique_ptr<MirrorOrigin> origin_;  ///< Null: there is one loop.
   std::unique_ptr<Loop> first_;
   std::vector<std::unique_ptr<Other>> others_;

@@ -63,8 +63,14 @@ double Playout::smoothness() const {
 
 TimeUs Playout::delay_us() const {
   if (settings_.mode == PlayoutMode::kLatest) return 0;
+  if (lag_us_) return std::max<TimeUs>(0, *lag_us_ - clock_.fastest_us());
   if (settings_.delay_us > 0) return settings_.delay_us;
   return std::llround(smoothness() * static_cast<double>(clock_.full_delay_us()));
+}
+
+std::optional<TimeUs> Playout::needed_lag_us() const {
+  if (clock_.longest_delay_us() == 0) return std::nullopt;
+  return clock_.fastest_us() + clock_.longest_delay_us();
 }
 
 void Playout::replace_poses(const std::function<Coefficients(const Coefficients&)>& carried) {
@@ -131,7 +137,7 @@ TimeUs Playout::media_time(TimeUs now_us) {
     return *latest_us_;
   }
   if (settings_changed_ && shown_at_us_) clock_.continue_from(*shown_at_us_, now_us);
-  return clock_.advance(now_us, delay_us());
+  return clock_.advance(now_us, delay_us(), lag_us_);
 }
 
 std::optional<PlayoutPose> Playout::at(TimeUs now_us) {

@@ -88,6 +88,10 @@ class Playout {
   void set(const PlayoutSettings& settings);
   const PlayoutSettings& settings() const { return settings_; }
   double smoothness() const;
+  /// At `now` the pose of now - lag_us is shown, but with kLatest; nothing: by the settings.
+  void set_lag(std::optional<TimeUs> lag_us) { lag_us_ = lag_us; }
+  /// The least lag with which all poses of late would have been there in time. Nothing before the second pose.
+  std::optional<TimeUs> needed_lag_us() const;
 
   /// The rows at which bands end; empty: unknown, all rows are mixed.
   void set_band_ends(std::span<const std::uint32_t> ends) { band_ends_.assign(ends.begin(), ends.end()); }
@@ -122,6 +126,7 @@ class Playout {
   void correct(const PlayoutPose& right, TimeUs now_us);
 
   PlayoutSettings settings_;
+  std::optional<TimeUs> lag_us_;
   std::vector<std::uint32_t> band_ends_;
   PlayoutClock clock_;
   Correction correction_;

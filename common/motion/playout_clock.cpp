@@ -34,12 +34,15 @@ void PlayoutClock::add(TimeUs media_us, TimeUs arrival_us) {
     if (a.span_us > 0) spans.push_back(a.span_us);
   }
   min_offset_us_ = *std::min_element(offsets.begin(), offsets.end());
-  if (!spans.empty()) full_delay_us_ = quantile(spans, 0.5) + quantile(offsets, 0.95) - min_offset_us_;
+  if (spans.empty()) return;
+  const TimeUs span = quantile(spans, 0.5);
+  longest_delay_us_ = span + *std::max_element(offsets.begin(), offsets.end()) - min_offset_us_;
+  full_delay_us_ = span + quantile(offsets, 0.95) - min_offset_us_;
 }
 
-TimeUs PlayoutClock::advance(TimeUs now_us, TimeUs delay_us) {
+TimeUs PlayoutClock::advance(TimeUs now_us, TimeUs delay_us, std::optional<TimeUs> lag_us) {
   assert(!arrivals_.empty());
-  const TimeUs goal_us = now_us - min_offset_us_ - delay_us;
+  const TimeUs goal_us = now_us - lag_us.value_or(min_offset_us_ + delay_us);
   jumped_ = !reading_ || std::abs(goal_us - reading_->media_us - (now_us - reading_->now_us)) > kStrayUs;
   if (jumped_) {
     reading_ = Reading{now_us, goal_us};

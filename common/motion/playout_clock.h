@@ -28,9 +28,14 @@ class PlayoutClock {
   /// How long to hold a pose for even motion: the interval between poses plus the 95th percentile of the jitter. 0
   /// before the second pose.
   TimeUs full_delay_us() const { return full_delay_us_; }
+  /// Likewise with all of the jitter: poses of the last kWindowUs would all have been there.
+  TimeUs longest_delay_us() const { return longest_delay_us_; }
+  /// Arrival minus media time of the fastest pose.
+  TimeUs fastest_us() const { return min_offset_us_; }
   bool started() const { return !arrivals_.empty(); }
-  /// The media time to show at `now_us`, poses held for `delay_us`. REQUIRES: started().
-  TimeUs advance(TimeUs now_us, TimeUs delay_us);
+  /// The media time to show at `now_us`, poses held for `delay_us`; `lag_us`: now_us minus that instead.
+  /// REQUIRES: started().
+  TimeUs advance(TimeUs now_us, TimeUs delay_us, std::optional<TimeUs> lag_us = {});
   bool jumped() const { return jumped_; }
   void continue_from(TimeUs media_us, TimeUs now_us) { reading_ = Reading{now_us, media_us}; }
   void reset() { *this = {}; }
@@ -49,7 +54,7 @@ class PlayoutClock {
   std::deque<Arrival> arrivals_;
   TimeUs newest_media_us_ = 0;
   TimeUs min_offset_us_ = 0;
-  TimeUs full_delay_us_ = 0;
+  TimeUs full_delay_us_ = 0, longest_delay_us_ = 0;
   bool jumped_ = false;  ///< By the last advance().
   std::optional<Reading> reading_;
 };

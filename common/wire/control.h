@@ -122,6 +122,8 @@ struct Subscribers {
 struct Subscribe {
   std::string stream;
   Profile profile;
+  /// Viewers of a group show the same moment, see Moment: a key as of RoomValue; empty: none.
+  std::string sync = {};
 };
 
 /// "unsubscribe", client to broker.
@@ -239,6 +241,18 @@ struct Enter {
   std::string resume = {};         ///< That of this member's last Room, whose place it takes. Secret; empty: none.
 };
 
+/// "late", viewer to broker, of a stream that it watches with `sync`.
+struct Late {
+  std::string stream;
+  TimeUs lag_us = 0;  ///< The least of Moment with which poses of late would have been there in time.
+};
+
+/// "moment", broker to viewer: at t on the broker's clock the pose of capture time t - lag_us is to be shown.
+struct Moment {
+  std::string stream;
+  TimeUs lag_us = 0;
+};
+
 /// "leave", viewer to broker.
 struct Leave {
   std::string room;
@@ -293,7 +307,7 @@ struct Room {
 
 using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
                              Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered, Progress,
-                             Prepared, Enter, Leave, Say, Floor, Room>;
+                             Prepared, Enter, Leave, Say, Floor, Room, Late, Moment>;
 
 }  // namespace control
 

@@ -268,6 +268,15 @@ struct Describe {
   void operator()(control::Subscribe& m) const {
     f.stream_name("stream", m.stream);
     profile(m.profile);
+    if (f.wants("sync", !m.sync.empty())) f.room_key("sync", m.sync);
+  }
+  void operator()(control::Late& m) const {
+    f.stream_name("stream", m.stream);
+    f.time_difference("lag_us", m.lag_us);
+  }
+  void operator()(control::Moment& m) const {
+    f.stream_name("stream", m.stream);
+    f.time_difference("lag_us", m.lag_us);
   }
   void operator()(control::Unsubscribe& m) const { f.stream_name("stream", m.stream); }
   void operator()(control::StreamInfo& m) const {
@@ -450,9 +459,10 @@ struct Describe {
 };
 
 constexpr std::array<std::string_view, std::variant_size_v<ControlMessage>> kOps{
-    "welcome",    "announce", "announced", "subscribers",   "subscribe", "unsubscribe", "stream", "ack",
-    "ping",       "pong",     "trace",     "trace_request", "notice",    "error",       "bye",    "remember",
-    "remembered", "progress", "prepared",  "enter",         "leave",     "say",         "floor",  "room"};
+    "welcome", "announce", "announced",  "subscribers", "subscribe",     "unsubscribe", "stream",
+    "ack",     "ping",     "pong",       "trace",       "trace_request", "notice",      "error",
+    "bye",     "remember", "remembered", "progress",    "prepared",      "enter",       "leave",
+    "say",     "floor",    "room",       "late",        "moment"};
 
 template <std::size_t kIndex = 0>
 std::optional<ControlMessage> message_of(std::string_view op) {

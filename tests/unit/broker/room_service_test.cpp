@@ -140,6 +140,27 @@ TEST_F(RoomServiceTest, AskForRights) {
   EXPECT_EQ(refusal(eve), "not-found");
 }
 
+TEST_F(RoomServiceTest, ViewersOfAGroupAreToldOneMoment) {
+  auto publisher = sender("s");
+  Client near(port_, "/v1/subscribe"), far(port_, "/v1/subscribe"), alone(port_, "/v1/subscribe");
+  for (Client* client : {&near, &far, &alone}) {
+    client->send(control::Subscribe{"s", kRaw, client == &alone ? "h" : "g"});
+    client->wait_for<control::StreamInfo>();
+  }
+  near.send(control::Late{"s", 140'000});
+  far.send(control::Late{"s", 210'000});
+  alone.send(control::Late{"s", 200'000});
+  FakeSender motion;
+  publisher->send_frame(motion.next(steady_now_us()));
+  for (Client* client : {&near, &far}) {
+    control::Moment told;
+    while (told.lag_us < 209'000 && !client->failed()) told = client->wait_for<control::Moment>();
+    EXPECT_LE(told.lag_us, 210'000);
+    EXPECT_EQ(told.stream, "s");
+  }
+  EXPECT_LE(alone.wait_for<control::Moment>().lag_us, 200'000);
+}
+
 TEST_F(RoomServiceTest, CanBeOff) {
   stop();
   config_.rooms.enabled = false;

@@ -54,6 +54,27 @@ TEST(Playout, ShowsNothingBeforeTheFirstPose) {
   }
 }
 
+TEST(Playout, ViewersOfOneLagShowTheSameMoment) {
+  constexpr TimeUs kLag = 200 * kMs - kPlayoutZero;
+  Playout near = player(PlayoutMode::kInterpolate), far = player(PlayoutMode::kInterpolate);
+  EXPECT_FALSE(near.needed_lag_us());
+  for (Playout* playout : {&near, &far}) playout->set_lag(kLag);
+  const auto exact = [](TimeUs now_us, const PlayoutPose& pose) {
+    if (now_us > 300 * kMs) {
+      EXPECT_EQ(pose.time_us, now_us - kLag);
+    }
+  };
+  play(
+      near, 100, [](int) { return 10 * kMs; }, 0, exact);
+  play(
+      far, 100, [](int i) { return (90 + i % 3 * 20) * kMs; }, 0, exact);
+  EXPECT_EQ(near.needed_lag_us(), 10 * kMs - kPlayoutZero + kPlayoutInterval);
+  EXPECT_EQ(far.needed_lag_us(), 130 * kMs - kPlayoutZero + kPlayoutInterval);
+  EXPECT_EQ(near.delay_us(), 190 * kMs);
+  near.set_lag({});
+  EXPECT_EQ(near.delay_us(), kPlayoutInterval);
+}
+
 TEST(Playout, LatePosesAreRefused) {
   Playout playout = player(PlayoutMode::kLatest);
   EXPECT_TRUE(playout.add(pose_at(1000), 0));

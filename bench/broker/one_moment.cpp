@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+//
+// Whether viewers show the same moment: one_moment URL [VIEWERS [SECONDS [GROUP [LOSS]]]]
+//
+// Watches a stream of a broker on this machine as so many viewers (100), each behind an impaired link of its own: 5 to
+// 85 ms each way, jitter of up to a quarter of that, LOSS (0) of segments. Each plays out by its own Playout and its
+// own estimate of the broker's clock, 60 times a second. After ten seconds it notes for SECONDS (20) how far the moment
+// that each shows is from the median's, by this machine's clock, which links do not touch. GROUP (one): that of `sync`;
+// "-": none, for comparison. Prints a line of JSON.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/motion/playout.h"
+#include "common/net/url.h"
+#include "sdk/subscriber.h"
+#include "tests/support/impaired_relay.h"
+
+namespace {
+
+using namespace eigencast;
+using testing::ImpairedRelay;
+
+constexpr TimeUs kSettleUs = 10'000'000, kPictureUs = 16'667;
+
+struct Viewer {
+  std::unique_ptr<ImpairedRelay> link;
+  std::unique_ptr<Subscriber> subscriber;
+  Playout playout{PlayoutSettings{PlayoutMode::kInterpolate, {}, 0, 200'000}};
+  std::uint32_t epoch = 0;
+  std::uint64_t pictures = 0, held = 0;
+
+  /// The moment that is shown, minus `now`; nothing: none yet.
+  std::optional<TimeUs> show(TimeUs now) {
+    const auto poses = subscriber->poll(std::chrono::milliseconds(0));
+    if (epoch != subscriber->epoch()) playout.reset();
+    epoch = subscriber->epoch();
+    for (const ReceivedPose& pose : poses) {
+      const Shown shown = pose.envelope.kind == FrameKind::kStep ? Shown::kInterpolated : Shown::kLive;
+      playout.add({pose.envelope.capture_us, pose.coefficients, 0xff, shown}, pose.arrival_us);
+      if (pose.next) playout.add_next({pose.next->capture_us, pose.next->coefficients, 0xff});
+    }
+    playout.set_lag(subscriber->lag_us());
+    if (const auto needed = playout.needed_lag_us()) subscriber->report_late(*needed);
+    const auto pose = playout.at(now);
+    if (!pose) return std::nullopt;
+    ++pictures;
+    held += pose->shown == Shown::kHeld ? 1 : 0;
+    return pose->time_us - now;
+  }
+};
+
+double at(const std::vector<TimeUs>& sorted, double part) {
+  return sorted.empty()
+             ? -1
+             : static_cast<double>(sorted[static_cast<std::size_t>(part * static_cast<double>(sorted.size() - 1))]) /
+                   1000;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const auto url = argc > 1 ? parse_broker_url(argv[1]) : Result<BrokerUrl>(fail(ErrorCode::kInvalidArgument, "URL?"));
+  if (!url)
+    return std::fprintf(stderr, "one_moment URL [VIEWERS [SECONDS [GROUP [LOSS]]]]: %s\n", url.error().message.c_str()),
+           2;
+  const int count = argc > 2 ? std::atoi(argv[2]) : 100;
+  const double seconds = argc > 3 ? std::atof(argv[3]) : 20;
+  const std::string group = argc > 4 ? argv[4] : "one";
+  std::mt19937_64 random(7);
+  const auto uniform = [&](double low, double high) { return std::uniform_real_distribution(low, high)(random); };
+  std::vector<Viewer> viewers(static_cast<std::size_t>(count));
+  for (Viewer& viewer : viewers) {
+    ImpairedRelay::Options link;
+    link.target_port = url->port;
+    link.to_target.delay_us = link.from_target.delay_us = static_cast<TimeUs>(uniform(5'000, 85'000));
+    link.to_target.jitter_us = link.from_target.jitter_us =
+        static_cast<TimeUs>(uniform(0, 0.25) * static_cast<double>(link.to_target.delay_us));
+    link.from_target.loss = argc > 5 ? std::atof(argv[5]) : 0;
+    link.to_target.seed = random();
+    link.from_target.seed = random();
+    auto relay = ImpairedRelay::start(link);
+    if (!relay) return std::fprintf(stderr, "%s\n", relay.error().message.c_str()), 1;
+    viewer.link = std::move(*relay);
+    SubscriberOptions options;
+    options.url = viewer.link->url(url->stream);
+    options.profile = Profile{Profile::Rate::kRaw, 3, 8, Profile::Scheme::kLinear};
+    if (group != "-") options.sync = group;
+    auto subscriber = Subscriber::create(std::move(options));
+    if (!subscriber) return std::fprintf(stderr, "%s\n", subscriber.error().message.c_str()), 1;
+    viewer.subscriber = std::move(*subscriber);
+  }
+  const TimeUs start = steady_now_us();
+  const auto end = start + kSettleUs + static_cast<TimeUs>(seconds * 1e6);
+  std::vector<TimeUs> off, lags;
+  std::vector<std::vector<TimeUs>> of_viewer(viewers.size());
+  for (TimeUs next = start; steady_now_us() < end; next += kPictureUs) {
+    std::this_thread::sleep_for(std::chrono::microseconds(std::max<TimeUs>(0, next - steady_now_us())));
+    std::vector<std::optional<TimeUs>> shown;
+    for (Viewer& viewer : viewers) shown.push_back(viewer.show(steady_now_us()));
+    if (next - start < kSettleUs) continue;
+    std::vector<TimeUs> moments;
+    for (const auto& moment : shown) {
+      if (moment) moments.push_back(*moment);
+    }
+    if (moments.empty()) continue;
+    std::nth_element(moments.begin(), moments.begin() + static_cast<std::ptrdiff_t>(moments.size() / 2), moments.end());
+    const TimeUs median = moments[moments.size() / 2];
+    for (std::size_t i = 0; i < shown.size(); ++i) {
+      if (!shown[i]) continue;
+      off.push_back(std::abs(*shown[i] - median));
+      of_viewer[i].push_back(off.back());
+    }
+  }
+  std::sort(off.begin(), off.end());
+  int within8 = 0, within16 = 0, watching = 0;
+  std::uint64_t pictures = 0, held = 0;
+  for (std::size_t i = 0; i < viewers.size(); ++i) {
+    auto& mine = of_viewer[i];
+    std::sort(mine.begin(), mine.end());
+    watching += mine.empty() ? 0 : 1;
+    within8 += at(mine, 0.99) >= 0 && at(mine, 0.99) <= 8 ? 1 : 0;
+    within16 += at(mine, 0.99) >= 0 && at(mine, 0.99) <= 16 ? 1 : 0;
+    pictures += viewers[i].pictures;
+    held += viewers[i].held;
+  }
+  std::printf(
+      "{\"viewers\":%d,\"watching\":%d,\"off_ms\":{\"p50\":%.2f,\"p95\":%.2f,\"p99\":%.2f,\"max\":%.2f},"
+      "\"viewers_p99_within_8_ms\":%d,\"within_16_ms\":%d,\"held\":%.4f,\"delay_ms\":%.1f}\n",
+      count, watching, at(off, 0.5), at(off, 0.95), at(off, 0.99), at(off, 1), within8, within16,
+      static_cast<double>(held) / static_cast<double>(std::max<std::uint64_t>(pictures, 1)),
+      static_cast<double>(viewers.front().playout.delay_us()) / 1000);
+  return 0;
+}
