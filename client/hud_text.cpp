@@ -105,7 +105,9 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   std::vector<std::string> lines;
   lines.push_back(
       formatted("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
-  lines.push_back((f.received ? formatted("%.0f kbit/s \xC2\xB7 ", f.kbit_per_s) : std::string()) +
+  lines.push_back((f.received ? formatted("%.0f kbit/s, on the link %.0f (TLS %.0f) \xC2\xB7 ", f.kbit_per_s,
+                                          f.link_kbit_per_s, f.tls_kbit_per_s)
+                              : std::string()) +
                   (f.latency_count == 0 ? std::string("latency not known yet")
                                         : "latency " + milliseconds(f.latency_p50_us) + " (p99 " +
                                               milliseconds(f.latency_p99_us) + ")"));
@@ -118,6 +120,9 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
     lines.push_back(formatted("difference rms %.3g %%, largest %.3g %% of the diagonal", 100 * f.difference->rms,
                               100 * f.difference->largest));
   if (f.received) lines.push_back(f.mode);
+  if (f.memory_bytes > 0)
+    lines.push_back(formatted("memory %.1f kB \xC2\xB7 predicts %.0f %% of keys",
+                              static_cast<double>(f.memory_bytes) * 1e-3, 100 * f.recalled));
   if (!f.shown.empty()) lines.push_back(f.shown);
   if (!f.resolver.empty()) lines.push_back(f.resolver);
   if (!f.lowered.empty()) lines.push_back(f.lowered);

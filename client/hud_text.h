@@ -14,7 +14,10 @@ namespace eigencast {
 
 struct HudFigures {
   double keys_hz = 0, poses_hz = 0, drawn_hz = 0, kbit_per_s = 0;
-  bool received = false;  ///< From a broker, so that bit rate and mode mean something.
+  double link_kbit_per_s = 0, tls_kbit_per_s = 0;  ///< With link_bytes(), without and with TLS.
+  double recalled = 0;                             ///< The part of the keys that a memory of poses predicts, and
+  std::uint64_t memory_bytes = 0;                  ///< what was fetched of it.
+  bool received = false;                           ///< From a broker, so that bit rate and mode mean something.
   TimeUs latency_p50_us = 0, latency_p99_us = 0;
   std::uint64_t latency_count = 0;
   std::uint64_t vertices = 0, vertices_total = 0, faces = 0;  ///< Sums over all surfaces.

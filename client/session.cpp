@@ -10,6 +10,7 @@
 
 #include "client/clip_source.h"
 #include "common/core/text.h"
+#include "common/wire/link_bytes.h"
 
 namespace eigencast {
 namespace {
@@ -133,12 +134,14 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   connections_.refresh(now);
   const Subscriber::Stats& stats = connections_.stats();
   if (received) {
-    last_ = Received{last_arrival_us_, stats.keys, stats.bytes, poses_taken_};
+    last_ = Received{last_arrival_us_, stats.keys, stats.frames, stats.bytes, poses_taken_};
     if (!first_) first_ = last_;
   }
   keys_.sample(stats.keys, now);
   poses_.sample(poses_taken_, now);
   bytes_.sample(stats.bytes, now);
+  frames_.sample(stats.frames, now);
+  recalled_.sample(stats.recalled, now);
   drawn_rate_.sample(drawn_, now);
   remember(now);
   work_.stop(steady_now_us());
@@ -286,7 +289,12 @@ HudFigures Session::figures() const {
   f.poses_hz = poses_.per_second();
   f.drawn_hz = drawn_rate_.per_second();
   f.kbit_per_s = bytes_.per_second() * 8 / 1000;
+  const LinkBytes more = link_bytes(frames_.per_second(), bytes_.per_second());
+  f.link_kbit_per_s = f.kbit_per_s + (more.websocket + more.tcp_ip) * 8 / 1000;
+  f.tls_kbit_per_s = f.link_kbit_per_s + more.tls * 8 / 1000;
   const Subscriber::Stats& stats = connections_.stats();
+  f.recalled = f.keys_hz > 0 ? std::min(1.0, recalled_.per_second() / f.keys_hz) : 0;
+  f.memory_bytes = stats.memory_bytes;
   f.received = stats.bytes > 0;
   f.latency_p50_us = stats.latency_us.percentile(50);
   f.latency_p99_us = stats.latency_us.percentile(99);

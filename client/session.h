@@ -118,13 +118,13 @@ class Session final {
   TimeUs last_latency_us_ = 0;   ///< From capture to picture.
   bool renderer_stale_ = false;  ///< Surfaces have moved up: the GPU's buffers belong to others.
   PoseRecord record_;
-  RateMeter keys_, poses_, drawn_rate_, bytes_;
+  RateMeter keys_, poses_, drawn_rate_, bytes_, frames_, recalled_;
   Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
   Histogram used_permille_{11}, drawn_permille_{11};  ///< Of pictures in which something was lowered: time, vertices.
   TimeUs started_us_ = 0;
   struct Received {
     TimeUs arrival_us = 0;
-    std::uint64_t keys = 0, bytes = 0, poses = 0;
+    std::uint64_t keys = 0, frames = 0, bytes = 0, poses = 0;
   };
   std::optional<Received> first_, last_;
   TimeUs last_arrival_us_ = 0;

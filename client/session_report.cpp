@@ -5,6 +5,7 @@
 
 #include "client/session.h"
 #include "common/asset/detail.h"
+#include "common/wire/link_bytes.h"
 
 namespace eigencast {
 namespace {
@@ -147,6 +148,12 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                         {"poses", per_second(last.poses - first.poses, span_s)},
                         {"drawn", per_second(drawn_, span_s)}};
   report["kbit_per_s"] = per_second((last.bytes - first.bytes) * 8, span_s) / 1000;
+  const LinkBytes more =
+      link_bytes(static_cast<double>(last.frames - first.frames), static_cast<double>(last.bytes - first.bytes));
+  const auto kbit_per_s = [&](double bytes) { return span_s > 0 ? bytes * 8e-3 / span_s : 0.0; };
+  report["link_kbit_per_s"] = {
+      {"websocket", kbit_per_s(more.websocket)}, {"tcp_ip", kbit_per_s(more.tcp_ip)}, {"tls", kbit_per_s(more.tls)}};
+  report["memory"] = {{"keys_recalled", stats.recalled}, {"bytes", stats.memory_bytes}};
   report["latency_us"] = {{"arrival", json_from(stats.latency_us)}, {"drawn", json_from(drawn_latency_us_)}};
   report["lod"] = {{"fraction", scene_.lod().fraction()},
                    {"vertices", figures_now.vertices},

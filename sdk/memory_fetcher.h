@@ -31,6 +31,7 @@ class MemoryFetcher {
   bool add_segments();
 
   const control::Remember& wanted() const { return wanted_; }
+  std::uint64_t fetched_bytes() const { return fetcher_.stats().downloaded_bytes; }
   const PoseMemory& poses() const { return *poses_; }  ///< REQUIRES: add_segments() was true.
 
  private:

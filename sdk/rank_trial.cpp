@@ -16,6 +16,7 @@
 #include "common/spectral/prefix_fit.h"
 #include "common/surface/vector.h"
 #include "common/wire/envelope.h"
+#include "common/wire/link_bytes.h"
 #include "sdk/bake_parts.h"
 
 namespace eigencast {
@@ -220,7 +221,7 @@ std::string text_of(const RankTrial& trial) {
 
 std::size_t key_message_bytes(std::size_t payload) {
   const std::size_t message = payload + Envelope::kKeyBytes;
-  return message + (message < 126 ? 2 : message < 65'536 ? 4 : 10);
+  return message + static_cast<std::size_t>(link_bytes(1, static_cast<double>(message)).websocket);
 }
 
 Result<SamplePoses> sample_poses(const Surface& rest, const KnownMotion* motion) {

@@ -202,6 +202,7 @@ void Receiver::report_late(TimeUs needed_lag_us) {
 void Receiver::on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) {
   const auto shows = [&]() -> Result<bool> {
     const std::lock_guard lock(mutex_);
+    ++condition_.frames;
     condition_.bytes += bytes;
     if (frame) return decode(*frame, now);
     ++unreadable_;
@@ -214,6 +215,7 @@ void Receiver::on_frame(const std::optional<FrameView>& frame, std::size_t bytes
 Result<bool> Receiver::decode(const FrameView& frame, TimeUs now) {
   const Result<const Key*> key = decoder_.decode(frame);
   if (!key) return key.error();
+  if (frame.envelope.is_recalled() && frame.envelope.kind == FrameKind::kKey) ++condition_.recalled;
   if (*key == nullptr) return false;
   if (news_.poses.size() == kMaxPoses) news_.poses.pop_front();
   const CoefficientLayout& layout = decoder_.layout();

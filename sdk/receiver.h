@@ -40,7 +40,8 @@ class Receiver final : private BrokerConnection::Listener {
     std::string trouble;    ///< Says why there is no connection; empty while all is well.
     std::string notice;     ///< What the broker said last.
     FrameDecoder::Counts counts;
-    std::uint64_t bytes = 0;
+    std::uint64_t frames = 0, bytes = 0;
+    std::uint64_t recalled = 0;
     std::uint64_t reconnects = 0;
     std::optional<TimeUs> retry_at_us;  ///< Of the next try, on the steady clock.
     std::uint64_t dropped = 0;

@@ -76,7 +76,10 @@ class BrokerSubscriber final : public Subscriber {
     const AssetFetcher::Stats fetched = surfaces_.fetched();
     Stats s;
     static_cast<FrameDecoder::Counts&>(s) = c.counts;
+    s.frames = c.frames;
     s.bytes = c.bytes;
+    s.recalled = c.recalled;
+    s.memory_bytes = memories_.fetched_bytes();
     s.dropped = c.dropped;
     s.reconnects = c.reconnects;
     if (c.retry_at_us) s.retry_in = std::max<TimeUs>(0, *c.retry_at_us - steady_now_us());

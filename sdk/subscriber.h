@@ -60,9 +60,11 @@ class Subscriber {
   enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };
   struct Stats : FrameDecoder::Counts {
     State state = State::kConnecting;
-    std::string detail;         ///< For people: what is going on, why, and when the next try starts.
-    std::uint64_t bytes = 0;    ///< Frames only, envelopes included.
-    std::uint64_t dropped = 0;  ///< Frames that newer ones overtook in the broker, as its notices say.
+    std::string detail;                   ///< For people: what is going on, why, and when the next try starts.
+    std::uint64_t frames = 0, bytes = 0;  ///< Frames only, envelopes included; see link_bytes().
+    std::uint64_t recalled = 0;           ///< Keys of them that were predicted from a memory of poses, and
+    std::uint64_t memory_bytes = 0;       ///< what was fetched of such memories.
+    std::uint64_t dropped = 0;            ///< Frames that newer ones overtook in the broker, as its notices say.
     std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
     std::uint64_t reconnects = 0;
     std::optional<TimeUs> retry_in;  ///< Until the next try to connect, or to ask again for a stream that was declined.

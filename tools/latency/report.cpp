@@ -227,6 +227,12 @@ std::string table(const Outcome& o) {
                     seconds(o.first_surface_us).c_str(),
                     o.device.empty() ? "" : ("first picture " + seconds(o.first_picture_us) + ", ").c_str(),
                     seconds(o.whole_asset_us).c_str(), static_cast<double>(o.asset_bytes) / 1e6);
+  const auto kbit_per_s = [&](double bytes) { return o.seconds > 0 ? bytes * 8e-3 / o.seconds : 0; };
+  text += formatted(
+      "on the link beside %.1f kbit/s of frames: WebSocket %.1f, TCP and IP %.1f, with TLS %.1f more; memory %.1f kB, "
+      "which predicts %llu keys\n",
+      o.kbit_per_s, kbit_per_s(o.link.websocket), kbit_per_s(o.link.tcp_ip), kbit_per_s(o.link.tls),
+      static_cast<double>(o.memory_bytes) * 1e-3, n(o.recalled));
   if (!o.device.empty()) text += "pictures of " + o.inputs.present + " pixels by " + o.device + "\n";
   if (o.load) text += load_lines(*o.load);
   return text + warning_lines(o);
@@ -253,6 +259,8 @@ std::string json_report(const Outcome& o, const std::string& version) {
       {"rank", o.rank},
       {"key_rate_hz", o.key_rate_hz > 0 ? Json(o.key_rate_hz) : Json(nullptr)},
       {"kbit_per_s", o.kbit_per_s},
+      {"link_bytes", {{"websocket", o.link.websocket}, {"tcp_ip", o.link.tcp_ip}, {"tls", o.link.tls}}},
+      {"memory", {{"keys_recalled", o.recalled}, {"bytes", o.memory_bytes}}},
       {"keys", json_from(o.keys, o.total_error_us)},
       {"synthetic", json_from(o.synthetic, o.total_error_us)},
       {"keys_uncorrected", json_from(o.keys_uncorrected, o.total_error_us)},

@@ -10,6 +10,7 @@
 
 #include "common/core/log.h"
 #include "common/net/url.h"
+#include "common/wire/link_bytes.h"
 #include "tools/latency/hdr_histogram.h"
 #include "tools/latency/load.h"
 #include "tools/latency/over_time.h"
@@ -91,6 +92,9 @@ struct Outcome {
   std::string trouble;           ///< Why the stream was not live when measuring ended; empty: it was.
   std::uint64_t reconnects = 0;  ///< Counts the viewer's, while measured.
   double kbit_per_s = 0;
+  LinkBytes link{};                ///< While measured, and
+  std::uint64_t recalled = 0;      ///< of the keys, those that a memory predicted, and
+  std::uint64_t memory_bytes = 0;  ///< what was fetched of it.
   Counts counts;
   std::optional<Load::Figures> load;
   HdrHistogram send_lag_us;  ///< How late the sender's thread woke.

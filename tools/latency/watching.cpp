@@ -123,6 +123,10 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
   outcome_.seconds = static_cast<double>(shown_us - counted_from_us_) / 1e6;
   outcome_.kbit_per_s =
       outcome_.seconds > 0 ? static_cast<double>(stats.bytes - at_begin_.bytes) * 8e-3 / outcome_.seconds : 0;
+  outcome_.link = link_bytes(static_cast<double>(stats.frames - at_begin_.frames),
+                             static_cast<double>(stats.bytes - at_begin_.bytes));
+  outcome_.recalled = stats.recalled - at_begin_.recalled;
+  outcome_.memory_bytes = stats.memory_bytes;
   outcome_.reconnects = stats.reconnects - at_begin_.reconnects;
   outcome_.counts.superseded = stats.dropped - at_begin_.dropped;
   if (!one_clock_) {  // Only gaps in the keys' numbers of a sender elsewhere are known.

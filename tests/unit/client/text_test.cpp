@@ -17,6 +17,8 @@ TEST(HudText, LinesShowTheFigures) {
   f.poses_hz = 89.9;
   f.drawn_hz = 60.2;
   f.kbit_per_s = 56.4;
+  f.link_kbit_per_s = 71.2;
+  f.tls_kbit_per_s = 76.6;
   f.latency_p50_us = 4'100;
   f.latency_p99_us = 38'400;
   f.latency_count = 10;
@@ -31,10 +33,13 @@ TEST(HudText, LinesShowTheFigures) {
   const auto lines = hud_lines(f);
   ASSERT_EQ(lines.size(), 5u);
   for (const char* number : {"30 ", "90 ", "60 "}) EXPECT_THAT(lines[0], HasSubstr(number));
-  for (const char* number : {"56 kbit/s", "4.1 ms", "38 ms"}) EXPECT_THAT(lines[1], HasSubstr(number));
+  for (const char* number : {"56 kbit/s", "71 ", "77", "4.1 ms", "38 ms"}) EXPECT_THAT(lines[1], HasSubstr(number));
   for (const char* number : {"0.42", "13,777", "32,802", "27,550"}) EXPECT_THAT(lines[2], HasSubstr(number));
   EXPECT_EQ(lines[3], f.mode);
   for (const char* number : {"3 of 4", "200"}) EXPECT_THAT(lines[4], HasSubstr(number));
+  f.memory_bytes = 11'600;
+  f.recalled = 0.96;
+  for (const char* number : {"11.6 kB", "96 %"}) EXPECT_THAT(hud_lines(f)[4], HasSubstr(number));
 }
 
 TEST(HudText, SaysWhatWasLoweredAndWhy) {
