@@ -52,6 +52,9 @@ Result<PublisherOptions> abi::publisher_options_from(const ec_publisher_options&
   const auto memory = kMemoryUseNames.find(text_or(given.memory, "off"));
   if (!memory) return fail(ErrorCode::kInvalidArgument, "memory must be auto, on or off");
   options.memory = *memory;
+  const auto learn = kLearnUseNames.find(text_or(given.learn, "off"));
+  if (!learn) return fail(ErrorCode::kInvalidArgument, "learn must be auto, on or off");
+  options.learn = *learn;
   return options;
 }
 

@@ -40,8 +40,10 @@ Result<void> write_asset(const EncodedAsset& encoded, double coding_error, const
     const std::string_view bytes(reinterpret_cast<const char*>(object.bytes.data()), object.bytes.size());
     return write_file_atomically(folder + "/" + object.id.hex(), bytes);
   };
-  for (const AssetObject& chunk : encoded.chunks) {
-    if (auto written = write(chunk); !written) return written;
+  for (const auto* parts : {&encoded.chunks, &encoded.sections}) {
+    for (const AssetObject& part : *parts) {
+      if (auto written = write(part); !written) return written;
+    }
   }
   if (coding_error > 0) {
     const auto path = coding_path(folder, encoded.manifest.id);
@@ -56,6 +58,12 @@ Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<B
   auto reader = AssetReader::from_manifest(id, *manifest);
   if (!reader) return in_context("asset " + id.hex(), reader.error());
   WholeAsset result;
+  if (const auto columns = reader->columns()) {
+    auto section = object_of(columns->id);
+    if (!section) return section.error();
+    if (const auto added = reader->add_columns(*section); !added) return in_context("asset " + id.hex(), added.error());
+    result.encoded.sections.push_back({columns->id, std::move(*section)});
+  }
   for (std::size_t i = 0; i < reader->chunks().size(); ++i) {
     const Sha256 chunk_id = reader->chunks()[i].id;
     auto chunk = object_of(chunk_id);

@@ -53,10 +53,12 @@ Result<void> upload(HttpConnection& http, const EncodedAsset& encoded, const Pro
   }
   std::uint64_t done = 0;
   const std::uint64_t total = encoded.total_bytes();
-  for (const AssetObject& chunk : encoded.chunks) {
-    progress(done, total);
-    if (auto put = put_missing(http, chunk); !put) return put;
-    done += chunk.bytes.size();
+  for (const auto* parts : {&encoded.chunks, &encoded.sections}) {
+    for (const AssetObject& part : *parts) {
+      progress(done, total);
+      if (auto put = put_missing(http, part); !put) return put;
+      done += part.bytes.size();
+    }
   }
   progress(done, total);
   return has_manifest ? put_missing(http, encoded.manifest) : Result<void>();

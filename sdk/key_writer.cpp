@@ -6,8 +6,12 @@
 
 namespace eigencast {
 
-KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate)
-    : layout_(std::move(layout)), half_spacing_(half_spacing), rate_(std::move(rate)) {}
+KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate,
+                     std::uint8_t coarse_half_spacing)
+    : layout_(std::move(layout)),
+      half_spacing_(half_spacing),
+      coarse_half_spacing_(std::max(half_spacing, coarse_half_spacing)),
+      rate_(std::move(rate)) {}
 
 void KeyWriter::code_by(Coder coder, std::optional<PoseMemory> memory, bool continues) {
   coder_ = std::move(coder);
@@ -29,7 +33,7 @@ void KeyWriter::continue_as(const control::Announced& announced, const ChainCloc
 
 Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
   const std::size_t all = layout_.band_ends.size();
-  const auto choice = rate_ ? rate_->choice() : RateControl::Choice{half_spacing_, static_cast<std::uint8_t>(all)};
+  const auto choice = rate_ ? rate_->choice() : RateControl::Choice{half_spacing(), static_cast<std::uint8_t>(all)};
   if (choice.bands < all) key = lowest_bands(layout_, std::move(key), choice.bands);
   if (chain_) {
     auto coded =

@@ -31,7 +31,10 @@ class KeyWriter {
   using Coder = std::function<Result<CodedKey>(const ChainState& state, const Key& key, std::uint8_t half_spacing)>;
 
   /// half_spacing  of coded levels (see encode_key) while nothing else is said by `rate`, where a bit rate is kept
-  KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate);
+  /// coarse_half_spacing  instead, but for keys behind one that was predicted from a memory: these are predicted from
+  ///                      it, too, mostly, and take few bits; 0: the same
+  KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate,
+            std::uint8_t coarse_half_spacing = 0);
 
   /// The next message is the first of a stream that the broker knows by these.
   void begin(const control::Announced& announced);
@@ -53,7 +56,10 @@ class KeyWriter {
   const ChainState* state() const { return chain_ ? &*chain_ : nullptr; }  ///< Null before the first of a chain.
   const Key* held() const { return chain_ ? &chain_->newer : nullptr; }    ///< Likewise.
   /// Of the next key.
-  std::uint8_t half_spacing() const { return rate_ ? rate_->choice().half_spacing : half_spacing_; }
+  std::uint8_t half_spacing() const {
+    if (rate_) return rate_->choice().half_spacing;
+    return chain_ && chain_->phase ? half_spacing_ : coarse_half_spacing_;
+  }
   bool may_follow(TimeUs capture_us) const { return (!chain_ && !older_) || capture_us > newest_.capture_us; }
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t stream_id() const { return announced_.stream_id; }
@@ -66,7 +72,7 @@ class KeyWriter {
   Coded framed(FrameKind kind, ByteView payload, ChainState next, TimeUs capture_us) const;
 
   const CoefficientLayout layout_;
-  const std::uint8_t half_spacing_;
+  const std::uint8_t half_spacing_, coarse_half_spacing_;
   std::optional<RateControl> rate_;
   Coder coder_;
   std::optional<PoseMemory> memory_;  ///< The coder's.

@@ -69,8 +69,8 @@ std::optional<double> LearningTrial::payback_s(std::uint64_t bytes) const {
   return static_cast<double>(bytes) * 8e-3 / saved;
 }
 
-bool LearningTrial::pays(std::uint64_t bytes, double stay_s) const {
-  return basis_error > coding_error && payback_s(bytes).value_or(stay_s + 1) <= stay_s;
+bool LearningTrial::pays(std::uint64_t bytes) const {
+  return basis_error > coding_error && payback_s(bytes).value_or(kStayS + 1) <= kStayS;
 }
 
 Learner::Learner(std::shared_ptr<const Asset> asset)
@@ -171,15 +171,32 @@ std::optional<LearningTrial> Learner::trial(double eps, double rate_hz) const {
         std::sqrt(asset_->area / weight) * A.middleCols(static_cast<Eigen::Index>(3 * s), 3).transpose();
     poses_judged[s].insert(poses_judged[s].end(), more.data(), more.data() + more.size());
   }
-  double fine = eps / 2, coarse = kFarCoarser * eps;
-  const double allowed = std::hypot(trial.basis_error, trial.coding_error);
-  for (int i = 0; i < kHalvings; ++i) {
-    const double middle = std::sqrt(fine * coarse);
-    const auto tried = code_poses(layout, asset_->area, middle, rate_hz, poses_judged);
-    if (!tried) return std::nullopt;
-    (std::hypot(trial.learnt_error, tried->error) > allowed ? coarse : fine) = middle;
-    trial.equal_kbit_per_s = tried->kbit_per_s;
-  }
+  const double allowed = trial.equal_error = std::hypot(trial.basis_error, trial.coding_error);
+  struct Tried {
+    double eps, error, kbit_per_s;
+  };
+  const auto bisect = [&](double fine, const auto& may_be_finer) {
+    double coarse = kFarCoarser * eps;
+    for (int i = 0; i < kHalvings; ++i) {
+      const double middle = std::sqrt(fine * coarse);
+      const auto tried = code_poses(layout, asset_->area, middle, rate_hz, poses_judged);
+      if (!tried) return false;
+      const double error = std::hypot(trial.learnt_error, tried->error);
+      (may_be_finer(Tried{middle, error, tried->kbit_per_s}) ? coarse : fine) = middle;
+    }
+    return true;
+  };
+  const bool is_done = bisect(eps / 2,
+                              [&](const Tried& tried) {
+                                trial.equal_kbit_per_s = tried.kbit_per_s;
+                                return tried.error > allowed;
+                              }) &&
+                       bisect(eps, [&](const Tried& tried) {
+                         const bool is_enough = tried.kbit_per_s <= trial.kbit_per_s;
+                         if (is_enough) trial.coarser = tried.eps / eps, trial.equal_error = tried.error;
+                         return is_enough;
+                       });
+  if (!is_done) return std::nullopt;
   return trial;
 }
 

@@ -30,11 +30,14 @@ struct LearningTrial {
   double coding_error = 0;      ///< Of quantising, without columns.
   double kbit_per_s = 0;        ///< Without columns, headers counted, and
   double equal_kbit_per_s = 0;  ///< with columns, at the same error of basis and coding together.
+  double coarser = 1;           ///< How much coarser coding with columns may be for no more bits than without, and
+  double equal_error = 0;       ///< the error of basis and coding together that this leaves.
 
   /// Seconds that columns of so many bytes take to save these; nothing: they do not pay.
   std::optional<double> payback_s(std::uint64_t bytes) const;
-  /// Whether a stream that may go on for `stay_s` should learn them: coarse coding hides what a basis misses.
-  bool pays(std::uint64_t bytes, double stay_s) const;
+  static constexpr double kStayS = 300;  ///< What a live stream is expected to go on for.
+  /// Whether a stream that may go on for kStayS should learn them: coarse coding hides what a basis misses.
+  bool pays(std::uint64_t bytes) const;
 };
 
 /// Learns from the poses of a stream as they come. Without clocks, and of bounded memory: 24 bytes a vertex for each of

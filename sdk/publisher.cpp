@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 
+#include "common/codec/band.h"
 #include "common/codec/recaller.h"
 #include "common/core/text.h"
 #include "common/net/clock_offset.h"
@@ -18,6 +19,7 @@
 #include "sdk/pose_projection.h"
 #include "sdk/send_policy.h"
 #include "sdk/sender_memory.h"
+#include "sdk/stream_learner.h"
 #include "sdk/transfer.h"
 
 namespace eigencast {
@@ -56,11 +58,15 @@ std::optional<MemoryKeeper::Options> keeper_options_of(const PublisherOptions& o
   return MemoryKeeper::Options{layout, encoded.manifest.id.digest, options.bitrate, options.memory == MemoryUse::kOn};
 }
 
+std::uint8_t multiplied(std::uint8_t half_spacing, double by) {
+  return static_cast<std::uint8_t>(std::clamp(std::lround(half_spacing * by), 0L, long{band::kMaxHalfSpacing}));
+}
+
 /// A surface, and the chain of its poses.
 struct Sending {
   /// asset  null: of keys alone
   Sending(const PublisherOptions& options, CodecKind codec, StreamFormat of, std::shared_ptr<const Asset> surface,
-          std::shared_ptr<const EncodedAsset> bytes)
+          std::shared_ptr<const EncodedAsset> bytes, double coarser = 1)
       : asset(std::move(surface)),
         encoded(std::move(bytes)),
         format(std::move(of)),
@@ -69,7 +75,7 @@ struct Sending {
                       : Quantiser{}),
         projection(asset, options.velocities, format.scalars.size()),
         writer({codec, format.rows, format.channels, format.band_ends}, quantiser.half_spacing,
-               rate_control_of(options, asset.get(), quantiser, format)),
+               rate_control_of(options, asset.get(), quantiser, format), multiplied(quantiser.half_spacing, coarser)),
         memory(writer.layout(), keeper_options_of(options, asset.get(), *encoded, writer.layout())) {}
 
   const std::shared_ptr<const Asset> asset;
@@ -113,6 +119,7 @@ class BrokerPublisher final : public Publisher {
  public:
   BrokerPublisher(PublisherOptions options, BrokerUrl url, std::unique_ptr<Sending> sending, LogSink log)
       : options_(std::move(options)), url_(std::move(url)), log_(std::move(log)), now_(std::move(sending)) {
+    BrokerPublisher::learn(options_.learn);
     restart_still();
     stats_.detail = "connecting to " + url_.origin();
   }
@@ -140,6 +147,7 @@ class BrokerPublisher final : public Publisher {
   }
 
   ~BrokerPublisher() override {
+    learner_.reset();
     if (asset_uploader_) asset_uploader_->stop();
     if (change_uploader_) change_uploader_->stop();
     if (segment_uploader_) segment_uploader_->stop();
@@ -163,10 +171,12 @@ class BrokerPublisher final : public Publisher {
     const TimeUs begun_us = steady_now_us();
     const auto made = now_->projection.project(pose);
     if (!made) return made.error();
+    learn_from(pose, made->C, capture_us);
     return send(made->C, made->V, made->S, capture_us, {begun_us, steady_now_us()});
   }
 
-  Result<void> change_to(std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded) override {
+  Result<void> change_to(std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded,
+                         double coarser) override {
     const std::shared_ptr<const Asset> before = this->asset();
     if (!before || !asset || !encoded || !asset->complete())
       return fail(ErrorCode::kInvalidArgument, "a publisher of poses changes to a complete asset");
@@ -176,8 +186,8 @@ class BrokerPublisher final : public Publisher {
     if (change.ramp.is_over())
       return fail(ErrorCode::kInvalidArgument,
                   "a stream changes to an asset of the same surface, whose vertices are in the same order");
-    change.to =
-        std::make_unique<Sending>(options_, options_.codec, std::move(format), std::move(asset), std::move(encoded));
+    change.to = std::make_unique<Sending>(options_, options_.codec, std::move(format), std::move(asset),
+                                          std::move(encoded), coarser);
     if (auto ready = change.to->projection.prepare(); !ready) return ready;
     const std::lock_guard lock(mutex_);
     change_ = std::move(change);
@@ -205,12 +215,25 @@ class BrokerPublisher final : public Publisher {
       to.writer.continue_as(*change_->granted, now_->writer.newest(), std::move(held));
       resume_ = change_->granted->resume;
     }
+    stats_.learnt_columns = stats_.learnt_bytes = 0;
+    for (const AssetObject& section : to.encoded->sections) {
+      stats_.learnt_columns = to.asset->rank - now_->asset->rank;
+      stats_.learnt_bytes += section.bytes.size() + to.encoded->manifest.bytes.size();
+      learn_ = LearnUse::kOff;
+    }
+    saved_before_ = stats_.saved_bytes;
+    memory_before_ = stats_.memory_bytes;
     now_ = std::move(change_->to);
     change_.reset();
     asset_uploader_->use(now_->encoded);
     restart_still();
     ++stats_.changes;
     return true;
+  }
+
+  void learn(LearnUse use) override {
+    const std::lock_guard lock(mutex_);
+    learn_ = now_->writer.layout().is_float() ? LearnUse::kOff : use;
   }
 
   void show_progress(double fraction) override {
@@ -266,6 +289,29 @@ class BrokerPublisher final : public Publisher {
     bool asked = false;  ///< The broker.
     std::optional<control::Announced> granted{};
   };
+
+  /// On the caller's thread.
+  void learn_from(const VertexPose& pose, std::span<const double> C, TimeUs capture_us) {
+    std::unique_lock lock(mutex_);
+    const LearnUse use = learn_;
+    const bool is_changing = change_.has_value();
+    lock.unlock();
+    if (use == LearnUse::kOff) return learner_.reset();
+    if (is_changing) return;
+    if (!learner_) {
+      const auto take = [this](const std::shared_ptr<const Asset>& from, const LearntAsset& learnt) {
+        if (asset() != from) return;
+        if (const auto changes = change_to(learnt.asset, learnt.encoded, learnt.coarser); !changes)
+          log(log_, LogLevel::kError, "what was learnt is not used: " + changes.error().message);
+      };
+      learner_ = std::make_unique<StreamLearner>(use, take, log_);
+    }
+    if (learns_in_ != now_->asset.get()) {
+      learner_->begin(now_->asset, now_->encoded, error_bound(options_, *now_->asset));
+      learns_in_ = now_->asset.get();
+    }
+    if (learner_->wants(capture_us)) learner_->add(pose.positions, C, capture_us);
+  }
 
   void restart_still() {
     still_.reset();
@@ -416,8 +462,8 @@ class BrokerPublisher final : public Publisher {
     const bool due = now_->memory.add({*now_->writer.state(), pose, bytes, coded.next.phase,
                                        now_->writer.half_spacing(), coded.capture_us, now_->memory.may_grow()},
                                       steady_now_us());
-    stats_.saved_bytes = now_->memory.saved_bytes();
-    if (now_->memory.state().generation != 0) stats_.memory_bytes = now_->memory.bytes();
+    stats_.saved_bytes = saved_before_ + now_->memory.saved_bytes();
+    if (now_->memory.state().generation != 0) stats_.memory_bytes = memory_before_ + now_->memory.bytes();
     if (!due) return;
     if (auto asked = remember_now(now_->memory.segments_to_keep()); !asked) refuse_memory(asked.error());
   }
@@ -665,6 +711,10 @@ class BrokerPublisher final : public Publisher {
 
   RetryLog retries_;  ///< For the connection's thread alone.
 
+  // For the caller's thread alone.
+  std::unique_ptr<StreamLearner> learner_;  ///< Null: nothing is learnt (yet).
+  const Asset* learns_in_ = nullptr;        ///< What it began with.
+
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_):
   std::unique_ptr<WebSocket> socket_;              ///< Set once by start().
@@ -673,7 +723,8 @@ class BrokerPublisher final : public Publisher {
   std::string resume_;  ///< Takes the stream over, at this broker and at others.
   BrokerUrl at_;        ///< The broker that it is or was connected to.
   bool ever_open_ = false;
-  std::optional<StillGate> still_;                  ///< Where still surfaces are not to be sent again and again.
+  std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.
+  LearnUse learn_ = LearnUse::kOff;
   std::optional<Change> change_;                    ///< Under way.
   std::unique_ptr<AssetUploader> change_uploader_;  ///< Once there was one.
   std::optional<Ramp> ramp_;                        ///< While it lasts.
@@ -682,6 +733,7 @@ class BrokerPublisher final : public Publisher {
   Stats stats_;
   // In place of the one of stats_; written by whoever holds mutex_.
   std::atomic<State> state_ = State::kConnecting;
+  std::uint64_t saved_before_ = 0, memory_before_ = 0;  ///< Of memories in assets before this one.
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
   ClockOffset clock_;              ///< The broker's; learnt while there are traces.
   TimeUs last_ping_us_ = 0;

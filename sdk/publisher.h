@@ -42,6 +42,15 @@ enum class MemoryUse : std::uint8_t {
 };
 inline constexpr EnumNames<MemoryUse, 3> kMemoryUseNames{{"auto", "on", "off"}};
 
+/// Whether a stream learns, from its first seconds, columns of what its basis misses (StreamLearner), which viewers
+/// fetch, so that poses have less error at as many bits.
+enum class LearnUse : std::uint8_t {
+  kAuto,  ///< Where it pays (LearningTrial).
+  kOn,    ///< Wherever there is something to learn.
+  kOff,
+};
+inline constexpr EnumNames<LearnUse, 3> kLearnUseNames{{"auto", "on", "off"}};
+
 struct PublisherOptions {
   std::string url;  ///< ws://host:port/stream, or with several brokers: see common/net/url.h
   CodecKind codec = CodecKind::kQuantised;
@@ -54,6 +63,7 @@ struct PublisherOptions {
   TimeUs still_heartbeat_us = 0;
   /// Not of float codecs. With a bit rate its segments take at most a fifth of that, beside the frames.
   MemoryUse memory = MemoryUse::kOff;
+  LearnUse learn = LearnUse::kOff;  ///< From send_pose()'s poses, of its first asset; see Publisher::learn.
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
   std::vector<Scalar> scalars{};               ///< At most kMaxScalars: channels 3 and on of the stream.
   double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
@@ -100,8 +110,10 @@ class Publisher {
     std::uint64_t saved_bytes = 0;    ///< What frames would take beyond payload_bytes without a memory.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
-    std::uint64_t changes = 0;  ///< Of the asset, by change_to().
-    bool gave_up = false;       ///< The broker gave the stream to another sender: nothing is tried again.
+    std::uint64_t changes = 0;         ///< Of the asset, by change_to() or learn().
+    std::uint32_t learnt_columns = 0;  ///< Of the asset in use, and
+    std::uint64_t learnt_bytes = 0;    ///< what each viewer fetches of them.
+    bool gave_up = false;              ///< The broker gave the stream to another sender: nothing is tried again.
   };
 
   /// What has come of remember().
@@ -144,7 +156,13 @@ class Publisher {
   /// and once viewers hold it, or have had the time, take_change() is true. Poses then go from what was shown to what
   /// the new asset shows within eight keys. Kept up over lost connections; another call replaces it. Takes as long as
   /// setting up a Projector. From any thread. Errors: kInvalidArgument, kNumerical.
-  virtual Result<void> change_to(std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded) = 0;
+  ///   coarser  what the error bound is multiplied by, but for keys predicted from a memory behind another such key;
+  ///            without a bit rate
+  virtual Result<void> change_to(std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded,
+                                 double coarser = 1) = 0;
+  /// Learns columns from send_pose()'s poses in the asset that is in use once no change is under way, and changes to
+  /// it with them; once. The error bound holds as change_to() says. Not of float codecs. Thread-safe.
+  virtual void learn(LearnUse use) = 0;
   /// True once for each change: from now on send_coefficients() takes those of the new asset(). send_pose() calls it.
   /// Use from the thread that sends.
   virtual bool take_change() = 0;

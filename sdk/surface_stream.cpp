@@ -376,6 +376,7 @@ class ThreadedStream final : public SurfaceStream {
     retire(lock);
     if (auto made = create_publisher(lock)) {
       publisher_ = std::move(*made);
+      if (!baking_) publisher_->learn(options_.publisher.learn);
       ready_ = true;
     } else {
       failure_ = made.error();
@@ -398,6 +399,7 @@ class ThreadedStream final : public SurfaceStream {
     PublisherOptions options = options_.publisher;
     options.velocities = topology_.velocities;
     options.scalars = scalars_;
+    options.learn = LearnUse::kOff;  // Not from a part of the basis.
     const auto asset = asset_;
     const auto encoded = encoded_;
     lock.unlock();
@@ -459,6 +461,7 @@ class ThreadedStream final : public SurfaceStream {
     asset_ = asset;
     encoded_ = encoded;
     const auto streamed = ready_ ? go_over(lock) : begin(lock, job, whole);
+    if (streamed && whole) publisher_->learn(options_.publisher.learn);
     changing_ = false;
     wake_.notify_all();
     return streamed;

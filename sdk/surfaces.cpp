@@ -123,7 +123,7 @@ void Surfaces::adopt(Slot& slot, const control::StreamInfo& info) {
 }
 
 bool Surfaces::check_format_of(Slot& slot) {
-  if (!slot.reader) return true;
+  if (!slot.reader || slot.lacks_columns) return true;
   const std::uint32_t rank = slot.reader->asset().rank;
   if (&slot == next_.get()) return true;  // Its poses are not announced yet.
   if (rank != slot.format.rows) {
@@ -147,8 +147,11 @@ void Surfaces::ask() {
     if (!id) return damage(slot, fail(ErrorCode::kCorrupt, "\"" + slot.asset + "\" is not an asset's id"));
     objects.push_back({*id, asset_limits::kMaxManifestBytes});
   } else {
+    const auto columns = slot.reader->columns();
+    if (slot.lacks_columns) objects.push_back({columns->id, columns->bytes});
     const auto& chunks = slot.reader->chunks();
-    for (std::size_t i = slot.next_chunk; i < chunks.size(); ++i) objects.push_back({chunks[i].id, chunks[i].bytes});
+    for (std::size_t i = slot.next_chunk; i < chunks.size() && !slot.has_chunks; ++i)
+      objects.push_back({chunks[i].id, chunks[i].bytes});
   }
   fetcher_.ask(std::move(objects));
 }
@@ -167,10 +170,9 @@ bool Surfaces::add_object() {
   if (!bytes) return false;
   if (!slot->reader) {
     read_manifest(*slot, *bytes);
-  } else if (auto added = slot->reader->add_chunk(slot->next_chunk, *bytes); !added) {
+  } else if (auto added = slot->add(*bytes); !added) {
     damage(*slot, added.error());
-  } else {
-    ++slot->next_chunk;
+  } else if (check_format_of(*slot) && slot->next_chunk > 0) {
     if (slot == pending_.get()) {
       shown_ = std::move(pending_);
       prepare();
@@ -180,14 +182,32 @@ bool Surfaces::add_object() {
   return true;
 }
 
+Result<void> Surfaces::Slot::add(ByteView bytes) {
+  if (!lacks_columns) {
+    auto added = reader->add_chunk(next_chunk, bytes);
+    if (added) ++next_chunk;
+    return added;
+  }
+  lacks_columns = false;
+  const auto from = std::exchange(has_chunks, nullptr);
+  if (!from) return reader->add_columns(bytes);
+  auto added = reader->add_columns_to(*from->reader, bytes);
+  if (added) next_chunk = reader->chunks().size();
+  return added;
+}
+
 void Surfaces::read_manifest(Slot& slot, ByteView bytes) {
   auto reader = AssetReader::from_manifest(*Sha256::from_hex(slot.asset), bytes);
   if (!reader) return damage(slot, reader.error());
+  const auto columns = reader->columns();
+  slot.lacks_columns = columns && reader->asset().rank != slot.format.rows;
   auto memory = memory_.take(reader->memory_bytes(), "it");
   if (!memory) return damage(slot, memory.error());
   slot.memory = std::move(*memory);
   slot.total_bytes = bytes.size();
-  for (const auto& chunk : reader->chunks()) slot.total_bytes += chunk.bytes;
+  if (slot.lacks_columns) slot.total_bytes += columns->bytes;
+  if (slot.lacks_columns && shown_ && reader->has_chunks_of(*shown_->reader)) slot.has_chunks = shown_;
+  for (const auto& chunk : reader->chunks()) slot.total_bytes += slot.has_chunks ? 0 : chunk.bytes;
   slot.reader = std::move(*reader);
   if (check_format_of(slot)) ask();
 }

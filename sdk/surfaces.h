@@ -29,7 +29,8 @@ struct ChangeOver {
 };
 
 /// The surface that a viewer shows, and the one of a newer epoch that is on its way and replaces it once it can be
-/// drawn. What a stream says is to come next is fetched when that is done, and replaces it at once. Downloads run on
+/// drawn. What a stream says is to come next is fetched when that is done, and replaces it at once; of what differs
+/// from what is shown by columns that the stream has learnt, these alone. Downloads run on
 /// the fetcher's thread; everything else happens in the calls. Use from one thread.
 class Surfaces {
  public:
@@ -66,8 +67,10 @@ class Surfaces {
   struct Slot {
     std::string asset;  ///< 64 hex digits.
     std::uint32_t epoch = 0;
-    StreamFormat format;                ///< The poses', as announced last for this asset.
-    std::optional<AssetReader> reader;  ///< From the manifest on.
+    StreamFormat format;                       ///< The poses', as announced last for this asset.
+    std::optional<AssetReader> reader;         ///< From the manifest on.
+    bool lacks_columns = false;                ///< They come before the chunks.
+    std::shared_ptr<const Slot> has_chunks{};  ///< All of them, until the columns come.
     std::size_t next_chunk = 0;
     std::uint64_t total_bytes = 0;
     MemoryBudget::Share memory;
@@ -75,6 +78,8 @@ class Surfaces {
     bool changes = false;                ///< Whether `change` was asked for.
     std::optional<ChangeOver> change{};  ///< From what was shown when it was whole.
 
+    /// The next object. Errors: those of AssetReader.
+    Result<void> add(ByteView bytes);
     bool finished() const { return reader && next_chunk == reader->chunks().size(); }
     bool goes_on_as(const std::string& id) const { return asset == id && damage.empty(); }
   };

@@ -30,6 +30,7 @@ struct TargetOptions {
   double error = 0;                     ///< Model units; 0: the publisher's default.
   double bitrate_kbit = 0;              ///< As of SourceOptions; 0: as the error bound takes.
   MemoryUse memory = MemoryUse::kAuto;  ///< Of float codecs: none.
+  LearnUse learn = LearnUse::kOff;      ///< Likewise. Of play and pipe.
   double still_s = 0;                   ///< Heartbeat of still surfaces; 0: every pose is sent.
 };
 

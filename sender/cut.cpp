@@ -112,7 +112,9 @@ class Cutter {
     if (!missing_ || !id || copied_.contains(*id)) return;
     const auto whole = assemble_asset(*id, missing_);
     if (!whole) return;
-    for (const AssetObject& chunk : whole->encoded.chunks) add(chunk);
+    for (const auto* parts : {&whole->encoded.chunks, &whole->encoded.sections}) {
+      for (const AssetObject& part : *parts) add(part);
+    }
     add(whole->encoded.manifest);
   }
   void add(const AssetObject& object) {

@@ -208,7 +208,8 @@ Result<std::string> perform(const DeformCommand& command, Plan plan, Source sour
   if (!projector) return projector.error();
   auto projected = ProjectedDeformer::create(*plan.deformer, *asset, *projector);
   if (!projected) return projected.error();
-  const auto publisher = publish(command.target, command.rate_hz, asset, std::move(source.baked.encoded));
+  const auto publisher = publish(command.target, command.rate_hz, asset,
+                                 std::make_shared<const EncodedAsset>(std::move(source.baked.encoded)));
   if (!publisher) return publisher.error();
   auto report = plan.script ? by_script(command, *plan.deformer, std::move(*projected), *plan.script, *asset,
                                         **publisher, interrupt)

@@ -111,8 +111,6 @@ struct LearningGain {
 };
 
 struct LearnEvaluation {
-  static constexpr double kStayS = 300;  ///< What a live stream is expected to go on for.
-
   LearnOptions options;
   std::size_t poses = 0;               ///< Of the clip, that it learns from.
   std::uint32_t columns = 0;           ///< k; 0: none is worth coding, and all below is as without.

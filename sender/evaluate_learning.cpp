@@ -220,7 +220,7 @@ Result<LearnEvaluation> evaluate_learning(const MotionClip& clip, const Asset& a
   const auto encoded = encode_columns(asset, *options.learn->encoded, columns->columns);
   if (!encoded) return encoded.error();
   result.bytes = encoded->section.bytes.size() + encoded->manifest.bytes.size();
-  result.pays = result.trial && result.trial->pays(result.bytes, LearnEvaluation::kStayS);
+  result.pays = result.trial && result.trial->pays(result.bytes);
   const auto wider = learnt_asset(asset, *encoded);
   if (!wider) return wider.error();
   const auto learnt = Projected::create(clip, *wider);

@@ -5,6 +5,7 @@
 
 #include "common/command_line/log.h"
 #include "common/net/http.h"
+#include "common/wire/link_bytes.h"
 #include "sdk/broker.h"
 #include "sdk/publisher.h"
 
@@ -44,12 +45,12 @@ LogSink to_log() {
 }
 
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
-                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded, bool velocities) {
+                                           std::shared_ptr<const Asset> asset,
+                                           std::shared_ptr<const EncodedAsset> encoded, bool velocities) {
   auto options = options_of(target, velocities);
   if (!options) return options.error();
   options->key_rate_hz = rate_hz;
-  return Publisher::create(*options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
-                           to_log());
+  return Publisher::create(*options, std::move(asset), std::move(encoded), to_log());
 }
 
 void log_bake(const BakeResult& baked) {
@@ -62,13 +63,11 @@ void stay_coarse(const Error& why) {
   if (why.code != ErrorCode::kCancelled) spdlog::error("the stream stays coarse: {}", why.message);
 }
 
-void go_over(Publisher& publisher, Result<BakeResult>& whole) {
-  if (!whole) return stay_coarse(whole.error());
-  log_bake(*whole);
-  auto asset = std::make_shared<const Asset>(std::move(whole->asset));
-  spdlog::info("all of the basis is there: r = {}, asset {:.12}", asset->rank, whole->encoded.manifest.id.hex());
-  const auto changes =
-      publisher.change_to(std::move(asset), std::make_shared<const EncodedAsset>(std::move(whole->encoded)));
+void go_over(Publisher& publisher, const BakeResult& whole, std::shared_ptr<const Asset> asset,
+             std::shared_ptr<const EncodedAsset> encoded) {
+  log_bake(whole);
+  spdlog::info("all of the basis is there: r = {}, asset {:.12}", asset->rank, encoded->manifest.id.hex());
+  const auto changes = publisher.change_to(std::move(asset), std::move(encoded));
   if (!changes) stay_coarse(changes.error());
 }
 
@@ -118,10 +117,12 @@ void StatusLog::show(const Publisher& publisher, TimeUs now_us) {
   if (now.memory_bytes > 0)
     memory = fmt::format(" (of memory {:.1f}, which saves {:.1f})", kbit_per_s(now.memory_bytes - last_.memory_bytes),
                          kbit_per_s(now.saved_bytes - last_.saved_bytes));
-  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s{}, {} viewers, {} dropped",
-               static_cast<double>(now.frames_sent - last_.frames_sent) / seconds,
-               kbit_per_s(now.payload_bytes - last_.payload_bytes), memory, now.subscribers,
-               now.frames_dropped - last_.frames_dropped);
+  const auto frames = static_cast<double>(now.frames_sent - last_.frames_sent);
+  const std::uint64_t bytes = now.payload_bytes - last_.payload_bytes;
+  const LinkBytes more = link_bytes(frames, static_cast<double>(bytes));
+  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s{}, on a viewer's link {:.1f} more (TLS {:.1f}), {} viewers, {} dropped",
+               frames / seconds, kbit_per_s(bytes), memory, (more.websocket + more.tcp_ip) * 8e-3 / seconds,
+               more.total() * 8e-3 / seconds, now.subscribers, now.frames_dropped - last_.frames_dropped);
   last_ = now;
   shown_us_ = now_us;
 }

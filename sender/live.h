@@ -12,15 +12,16 @@ namespace eigencast {
 
 LogSink to_log();
 
-/// Connecting has begun. Takes over the asset's bytes. Errors: kInvalidArgument (codec, URL, error).
+/// Connecting has begun. It learns nothing yet. Errors: kInvalidArgument (codec, URL, error).
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
-                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded,
-                                           bool velocities = false);
+                                           std::shared_ptr<const Asset> asset,
+                                           std::shared_ptr<const EncodedAsset> encoded, bool velocities = false);
 
 void log_bake(const BakeResult& baked);
 
 /// The stream goes on with all of its basis, or stays as it is, and the log says why.
-void go_over(Publisher& publisher, Result<BakeResult>& whole);
+void go_over(Publisher& publisher, const BakeResult& whole, std::shared_ptr<const Asset> asset,
+             std::shared_ptr<const EncodedAsset> encoded);
 void stay_coarse(const Error& why);
 
 /// False if interrupted, no longer ours, or the steady clock shows `deadline_us` (0: no end).

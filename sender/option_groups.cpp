@@ -54,6 +54,9 @@ bool lexical_cast(const std::string& text, PointsOperator& points) {
 bool lexical_cast(const std::string& text, MemoryUse& use) {
   return find(kMemoryUseNames, text, use);
 }
+bool lexical_cast(const std::string& text, LearnUse& use) {
+  return find(kLearnUseNames, text, use);
+}
 
 template <typename Names>
 CLI::Validator one_of(const Names& names) {
@@ -183,6 +186,12 @@ void add_coding_options(CLI::App& app, TargetOptions& target) {
       ->check(one_of(kMemoryUseNames))
       ->type_name("TEXT")
       ->default_str(std::string(kMemoryUseNames[target.memory]));
+  app.add_option("--learn", target.learn,
+                 "columns of what the basis misses, learnt from the first seconds, for less error at as many bits: "
+                 "auto, where viewers soon have saved their download; on, wherever there are some; off")
+      ->check(one_of(kLearnUseNames))
+      ->type_name("TEXT")
+      ->default_str(std::string(kLearnUseNames[target.learn]));
   app.add_option("--still", target.still_s,
                  "while the surface rests (within 1.5 --error), send it only every so many seconds")
       ->check(CLI::Range(0.1, 3600.0));

@@ -77,6 +77,15 @@ Result<void> pump(const PipeCommand& command, const Surface& mesh, Publisher& pu
   return {};
 }
 
+/// On the bake's thread.
+void take_whole(const PipeCommand& command, Publisher& publisher, Result<BakeResult>& whole) {
+  if (!whole) return stay_coarse(whole.error());
+  auto asset = std::make_shared<const Asset>(std::move(whole->asset));
+  auto encoded = std::make_shared<const EncodedAsset>(std::move(whole->encoded));
+  go_over(publisher, *whole, std::move(asset), std::move(encoded));
+  publisher.learn(command.target.learn);
+}
+
 }  // namespace
 
 int run(const PipeCommand& command, const Console& console, Interrupt& interrupt) {
@@ -90,12 +99,14 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
   GrowingBake bake(command.source, {});  // Ends first.
   auto baked = bake.first(console, interrupt);
   if (!baked) return report_failure(baked.error());
-  const auto begun =
-      store(publisher, publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30,
-                               std::make_shared<const Asset>(std::move(baked->asset)), std::move(baked->encoded)));
+  const auto begun = store(publisher, publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30,
+                                              std::make_shared<const Asset>(std::move(baked->asset)),
+                                              std::make_shared<const EncodedAsset>(std::move(baked->encoded))));
   if (!begun) return report_failure(begun.error());
-  if (!bake.is_whole()) {
-    bake.then([&](Result<BakeResult>& whole) { go_over(*publisher, whole); },
+  if (bake.is_whole()) {
+    publisher->learn(command.target.learn);
+  } else {
+    bake.then([&](Result<BakeResult>& whole) { take_whole(command, *publisher, whole); },
               [&](double fraction) { publisher->show_progress(fraction); });
   }
   // Long enough to play a file whole, short enough that a simulation does not wait for an absent broker.
@@ -117,7 +128,10 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
                               {"reconnects", stats.reconnects},
                               {"frames_recalled", stats.frames_recalled},
                               {"memory_bytes", stats.memory_bytes},
-                              {"saved_bytes", stats.saved_bytes}};
+                              {"saved_bytes", stats.saved_bytes},
+                              {"changes", stats.changes},
+                              {"learnt_columns", stats.learnt_columns},
+                              {"learnt_bytes", stats.learnt_bytes}};
   const auto written = write_report(command.json, report.dump(2));
   if (!pumped) return report_failure(pumped.error());
   if (!written) return report_failure(written.error());

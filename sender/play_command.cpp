@@ -10,6 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "sdk/pose_projection.h"
+#include "sdk/stream_learner.h"
 #include "sender/clip_coefficients.h"
 #include "sender/commands.h"
 #include "sender/console.h"
@@ -54,9 +56,10 @@ class Player {
     // All frames before the first is sent, so that a bad one late in the clip is found here.
     if (const auto good = begin_clip(interrupt); !good) return good;
     if (const auto good = store(publisher_, publish(command_.target, schedule_options().rate_hz, now_->asset,
-                                                    std::move(baked_.encoded), command_.velocities));
+                                                    now_->encoded, command_.velocities));
         !good)
       return good;
+    begin_learning();
     if (!bake_.is_whole()) {
       bake_.then([this](Result<BakeResult>& whole) { take_whole(whole); },
                  [this](double fraction) { publisher_->show_progress(fraction); });
@@ -76,11 +79,15 @@ class Player {
     while (const auto tick = schedule.next(steady_now_us())) {
       if (interrupt.wait_until(tick->due_us)) break;
       if (publisher_->take_change()) {
-        const std::lock_guard lock(mutex_);
-        now_ = std::move(next_);
+        {
+          const std::lock_guard lock(mutex_);
+          now_ = std::move(next_);
+        }
+        begin_learning();
       }
       auto C = now_->coefficients->at(tick->frame);
       if (!C) return C.error();
+      if (const auto learnt = learn_from(*tick, *C); !learnt) return learnt;
       if (const auto ours = check_ownership(*publisher_); !ours) return ours;
       record_.add(*tick, send(*C, tick->due_us));
       status.show(*publisher_, steady_now_us());
@@ -95,7 +102,10 @@ class Player {
   }
 
   /// Of the work for a basis that nothing will be sent in.
-  void end() { ends_ = true; }
+  void end() {
+    ends_ = true;
+    learner_.reset();
+  }
 
   json report() const {
     const Publisher::Stats stats = publisher_->stats();
@@ -112,6 +122,8 @@ class Player {
             {"duration_s", seconds},
             {"reconnects", stats.reconnects},
             {"changes", stats.changes},
+            {"learnt_columns", stats.learnt_columns},
+            {"learnt_bytes", stats.learnt_bytes},
             {"findings", findings_}};
   }
 
@@ -122,11 +134,14 @@ class Player {
   /// The clip in an asset's basis.
   struct InBasis {
     std::shared_ptr<const Asset> asset;
+    std::shared_ptr<const EncodedAsset> encoded;
     std::optional<Projector> projector = {};
     std::optional<ClipCoefficients> coefficients = {};
   };
-  Result<std::unique_ptr<InBasis>> in_basis(std::shared_ptr<const Asset> asset, const BakeProgress& progress) const {
-    auto made = std::make_unique<InBasis>(InBasis{std::move(asset)});
+  Result<std::unique_ptr<InBasis>> in_basis(std::shared_ptr<const Asset> asset,
+                                            std::shared_ptr<const EncodedAsset> encoded,
+                                            const BakeProgress& progress) const {
+    auto made = std::make_unique<InBasis>(InBasis{std::move(asset), std::move(encoded)});
     auto projector = Projector::create(*made->asset);
     if (!projector) return projector.error();
     made->projector = std::move(*projector);
@@ -138,7 +153,10 @@ class Player {
 
   Result<void> begin_clip(Interrupt& interrupt) {
     ProgressLine line(console_.progress, stops_at(interrupt));
-    const auto good = store(now_, in_basis(std::make_shared<const Asset>(std::move(baked_.asset)), std::ref(line)));
+    const auto good =
+        store(now_, in_basis(std::make_shared<const Asset>(std::move(baked_.asset)),
+                             std::make_shared<const EncodedAsset>(std::move(baked_.encoded)), std::ref(line)));
+    is_whole_ = bake_.is_whole();
     line.finish();
     if (!good) return good;
     const ClipCoefficients& coefficients = *now_->coefficients;
@@ -153,17 +171,56 @@ class Player {
   /// On the bake's thread.
   void take_whole(Result<BakeResult>& whole) {
     if (!whole) return stay_coarse(whole.error());
-    auto asset = std::make_shared<const Asset>(whole->asset);
-    // Before it is asked for. A clip that is read while it plays has one reader.
-    auto next = now_->coefficients->stored()
-                    ? in_basis(asset, [this](double, std::string_view) { return !ends_; })
-                    : fail(ErrorCode::kTooLarge, "the clip is so long that it is read while it plays");
-    if (!next) return stay_coarse(next.error());
-    {
-      const std::lock_guard lock(mutex_);
-      next_ = std::move(*next);
-    }
-    go_over(*publisher_, whole);
+    const auto asset = std::make_shared<const Asset>(std::move(whole->asset));
+    const auto encoded = std::make_shared<const EncodedAsset>(std::move(whole->encoded));
+    if (const auto good = make_next(asset, encoded); !good) return stay_coarse(good.error());
+    is_whole_ = true;
+    go_over(*publisher_, *whole, asset, encoded);
+  }
+  /// The clip as it is to be sent in an asset that the stream will be asked to go over to.
+  Result<void> make_next(const std::shared_ptr<const Asset>& asset,
+                         const std::shared_ptr<const EncodedAsset>& encoded) {
+    if (!now_->coefficients->stored())  // It has one reader.
+      return fail(ErrorCode::kTooLarge, "the clip is so long that it is read while it plays");
+    auto next = in_basis(asset, encoded, [this](double, std::string_view) { return !ends_; });
+    if (!next) return next.error();
+    const std::lock_guard lock(mutex_);
+    next_ = std::move(*next);
+    return {};
+  }
+
+  /// From the basis that is now in use, if it is the whole one as it was baked.
+  void begin_learning() {
+    const bool is_learnt = !now_->encoded->sections.empty();
+    if (command_.target.learn == LearnUse::kOff || !is_whole_ || is_learnt || command_.target.codec != "quantised" ||
+        !now_->coefficients->stored())
+      return learner_.reset();
+    learner_ = std::make_unique<StreamLearner>(
+        command_.target.learn, [this](const auto&, const LearntAsset& learnt) { take_learnt(learnt); }, to_log());
+    PublisherOptions options;
+    options.error = command_.target.error;
+    learner_->begin(now_->asset, now_->encoded, error_bound(options, *now_->asset));
+  }
+  /// C: as of ClipCoefficients::at.
+  Result<void> learn_from(const Schedule::Tick& tick, std::span<const double> C) {
+    if (!learner_ || !learner_->wants(tick.due_us)) return {};
+    const std::unique_lock lock(clip_, std::try_to_lock);
+    if (!lock) return {};
+    const auto pose = bake_.clip().pose(tick.frame);
+    if (!pose) return pose.error();
+    std::vector<float> positions;
+    positions.reserve(3 * pose->size());
+    for (const Vec3& p : *pose) positions.insert(positions.end(), p.begin(), p.end());
+    learner_->add(positions, C.first(std::size_t{3} * now_->asset->rank), tick.due_us);
+    return {};
+  }
+  /// On the learner's thread.
+  void take_learnt(const LearntAsset& learnt) {
+    const std::lock_guard lock(clip_);
+    auto changes = make_next(learnt.asset, learnt.encoded);
+    if (changes) changes = publisher_->change_to(learnt.asset, learnt.encoded, learnt.coarser);
+    if (!changes && changes.error().code != ErrorCode::kCancelled)
+      spdlog::error("what was learnt is not used: {}", changes.error().message);
   }
 
   Schedule::Options schedule_options() const {
@@ -198,11 +255,13 @@ class Player {
   std::unique_ptr<Publisher> publisher_;
   std::mutex mutex_;
   std::unique_ptr<InBasis> next_;  ///< GUARDED_BY(mutex_) What the publisher goes over to.
-  std::atomic<bool> ends_ = false;
+  std::atomic<bool> ends_ = false, is_whole_ = false;
+  std::mutex clip_;    ///< Held while it is read beside the stream.
   TimeUs try_us_ = 0;  ///< When it began to try; --duration counts from here.
   TimeUs start_us_ = 0, end_us_ = 0;
   std::uint64_t skipped_ = 0;
   std::vector<std::string> findings_;
+  std::unique_ptr<StreamLearner> learner_;  ///< Last: its thread uses all above. Null: nothing is learnt.
 };
 
 /// Before the bake, which may take minutes.

@@ -73,6 +73,7 @@ struct AssetFacts {
 
   bool is_point_cloud() const { return face_total == 0; }
   double diagonal() const;  ///< The rest box's.
+  bool operator==(const AssetFacts&) const = default;
 };
 
 /// What a receiver needs to rebuild a surface from coefficients, and a sender to project on it. Rows (vertices) are in

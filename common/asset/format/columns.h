@@ -26,6 +26,10 @@ Result<void> check_columns(const Asset& asset, std::size_t k);
 /// The manifest that lists the columns, which is another asset's id, and they themselves.
 struct EncodedColumns {
   AssetObject manifest, section;
+
+  /// All of the asset with them.
+  ///   encoded  of the asset
+  EncodedAsset with(const EncodedAsset& encoded) const { return {manifest, encoded.chunks, {section}}; }
 };
 
 /// Rounds and codes columns for an asset. Errors: check_columns; kInvalidArgument (shapes, scales, a manifest that has

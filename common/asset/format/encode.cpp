@@ -203,7 +203,9 @@ class Encoder {
 
 std::size_t EncodedAsset::total_bytes() const {
   std::size_t sum = manifest.bytes.size();
-  for (const AssetObject& chunk : chunks) sum += chunk.bytes.size();
+  for (const auto* parts : {&chunks, &sections}) {
+    for (const AssetObject& part : *parts) sum += part.bytes.size();
+  }
   return sum;
 }
 

@@ -20,6 +20,7 @@ struct AssetObject {
 struct EncodedAsset {
   AssetObject manifest;
   std::vector<AssetObject> chunks;
+  std::vector<AssetObject> sections{};  ///< Those of the manifest that readers take: columns.
   std::size_t total_bytes() const;
   std::size_t detail_bytes() const;  ///< Those that Asset::detail takes.
 };

@@ -72,12 +72,33 @@ std::optional<AssetReader::SectionRef> AssetReader::columns() const {
   return SectionRef{section->id, section->bytes};
 }
 
-Result<void> AssetReader::add_columns(ByteView bytes) {
+Result<void> AssetReader::check_columns_are(ByteView bytes) const {
   const auto ref = columns();
   if (!ref || next_ > 0 || read_columns_)
     return fail(ErrorCode::kInvalidArgument, "columns of an asset: none are due here, before its first chunk");
   if (bytes.size() != ref->bytes || sha256(bytes) != ref->id)
     return fail(ErrorCode::kCorrupt, "columns of an asset: their bytes do not have the hash " + ref->id.hex());
+  return {};
+}
+
+Result<void> AssetReader::add_columns_to(const AssetReader& whole, ByteView bytes) {
+  if (const auto due = check_columns_are(bytes); !due) return due;
+  if (const auto added = store(asset_, with_columns(whole.asset_, bytes, chunk_ends())); !added) return added;
+  next_ = chunks_.size();
+  return {};
+}
+
+bool AssetReader::has_chunks_of(const AssetReader& other) const {
+  const Manifest &mine = *manifest_, &others = *other.manifest_;
+  return other.next_ == other.chunks_.size() && !other.read_columns_ && other.bands_ == bands_ &&
+         static_cast<const AssetFacts&>(other.asset_) == others.facts && mine.facts == others.facts &&
+         mine.exact_columns == others.exact_columns && mine.column_scales == others.column_scales &&
+         std::equal(mine.chunks.begin(), mine.chunks.end(), others.chunks.begin(), others.chunks.end(),
+                    [](const ChunkEntry& a, const ChunkEntry& b) { return a.id == b.id && a.end_row == b.end_row; });
+}
+
+Result<void> AssetReader::add_columns(ByteView bytes) {
+  if (const auto due = check_columns_are(bytes); !due) return due;
   for (const TileEntry& tile : manifest_->chunks.front().tiles) {
     if (tile.is(TileKind::kDetail)) return fail(ErrorCode::kUnsupported, "columns of an asset: it has detail");
   }
@@ -104,6 +125,7 @@ std::uint64_t AssetReader::memory_bytes() const {
   constexpr std::uint64_t kFloatBytes = 3 * sizeof(float), kIntegerBytes = 3 * sizeof(std::int16_t);
   std::uint64_t largest_chunk = 0, extras = 0;
   std::uint64_t row_bytes = asset_.float_columns() * kFloatBytes + asset_.column_scales.size() * kIntegerBytes;
+  if (columns()) row_bytes += kIntegerBytes * ColumnsSection::kMaxColumns;
   const std::uint64_t detailed_row_bytes = row_bytes + 2 * kIntegerBytes * asset_.rank;
   for (const ChunkEntry& chunk : manifest_->chunks) {
     largest_chunk = std::max(largest_chunk, chunk.bytes());
@@ -269,6 +291,9 @@ Result<Asset> decode_asset(const EncodedAsset& encoded) {
   if (encoded.chunks.size() != reader->chunks().size()) {
     return fail(ErrorCode::kCorrupt, "asset: " + std::to_string(encoded.chunks.size()) +
                                          " chunks, its manifest lists " + std::to_string(reader->chunks().size()));
+  }
+  for (const AssetObject& section : encoded.sections) {
+    if (auto added = reader->add_columns(section.bytes); !added) return added.error();
   }
   for (std::size_t i = 0; i < encoded.chunks.size(); ++i) {
     if (auto added = reader->add_chunk(i, encoded.chunks[i].bytes); !added) return added.error();

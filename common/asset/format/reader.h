@@ -51,6 +51,11 @@ class AssetReader {
   /// Takes them, before the first chunk. Without them the asset is what its chunks hold. After an error nothing has
   /// changed. Errors: kCorrupt, kTooLarge, kUnsupported, kInvalidArgument (order; there are none).
   Result<void> add_columns(ByteView bytes);
+  /// Takes them and, with them, all chunks from a reader that has them. Errors: likewise.
+  /// REQUIRES: has_chunks_of(whole).
+  Result<void> add_columns_to(const AssetReader& whole, ByteView bytes);
+  /// Whether `other` has all chunks of this asset, and nothing else but them.
+  bool has_chunks_of(const AssetReader& other) const;
   /// What the whole asset may take at most, in bytes: its arrays while they grow, the copies from which processor and
   /// GPU rebuild poses, poses as they are drawn, the largest chunk unpacked, and those waiting. Without the texture's
   /// pixels.
@@ -67,6 +72,7 @@ class AssetReader {
 
  private:
   AssetReader() = default;
+  Result<void> check_columns_are(ByteView bytes) const;
   Result<void> verify(std::size_t index, ByteView bytes) const;
   Result<void> decode(std::size_t index, ByteView bytes);
   void resize_basis(std::size_t rows);

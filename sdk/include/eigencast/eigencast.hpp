@@ -200,15 +200,15 @@ struct Scalar {
 };
 
 struct PublisherOptions {
-  std::string codec = "quantised";      ///< or "float32", "float64"
-  double error = 0;                     ///< Vertex error of quantising, model units; 0: see ec_publisher_options.
-  double key_rate_hz = 30;              ///< Intended poses a second.
-  double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
-  std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.
-  Access access = {};                   ///< How the broker lets you in.
-  std::vector<Scalar> scalars = {};     ///< Values that ride on each vertex.
-  bool velocities = false;              ///< Poses come with velocities.
-  std::string memory = "off";           ///< See ec_publisher_options.
+  std::string codec = "quantised";            ///< or "float32", "float64"
+  double error = 0;                           ///< Vertex error of quantising, model units; 0: see ec_publisher_options.
+  double key_rate_hz = 30;                    ///< Intended poses a second.
+  double bitrate = 0;                         ///< Bits a second to keep to; 0: as the error takes.
+  std::int64_t still_heartbeat_us = 0;        ///< While the surface stands still, send it only so often; 0: every pose.
+  Access access = {};                         ///< How the broker lets you in.
+  std::vector<Scalar> scalars = {};           ///< Values that ride on each vertex.
+  bool velocities = false;                    ///< Poses come with velocities.
+  std::string memory = "off", learn = "off";  ///< See ec_publisher_options.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
@@ -240,6 +240,7 @@ class Publisher {
     c_options.scalar_info = scalars.data();
     c_options.velocities = options.velocities ? 1 : 0;
     c_options.memory = options.memory.c_str();
+    c_options.learn = options.learn.c_str();
     options.access.give_to(c_options);
     return c_options;
   }

@@ -78,7 +78,7 @@ class PublisherOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("codec", c_char_p), ("error", c_double), ("key_rate_hz", c_double), ("bitrate", c_double),
                 ("still_heartbeat_us", c_int64), ("token", c_char_p), ("ca_file", c_char_p), ("certificate_file", c_char_p),
                 ("key_file", c_char_p), ("insecure", c_int), ("scalars", c_uint32), ("velocities", c_int), ("scalar_info", POINTER(Scalar)),
-                ("memory", c_char_p)]
+                ("memory", c_char_p), ("learn", c_char_p)]
 
 
 class PoseToSend(Sized):

@@ -229,17 +229,19 @@ class Publisher(_Object):
       velocities          poses come with velocities, for viewers that ask for scheme=hermite
       memory              poses that all hold, so that motion that comes again takes a fraction of the bits: "auto", as far as
                           that pays; "on", all that is new at once; "off" (default)
+      learn               columns of what the basis misses, learnt from the first seconds, for less error at as many bits: "auto",
+                          where that pays; "on", wherever there are some; "off" (default)
       token               shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment)
     """
     _release = staticmethod(LIBRARY.ec_publisher_release)
 
     def __init__(self, url, asset, *, codec="quantised", error=0.0, key_rate_hz=30.0, bitrate=0.0, still_heartbeat_us=0, scalars=(),
-                 velocities=False, memory="off", token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
+                 velocities=False, memory="off", learn="off", token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
         scalars = [Scalar(each) if isinstance(each, str) else each for each in scalars]
         c_scalars = (_library.Scalar * len(scalars))(*((_text(s.name), _text(s.unit), s.low, s.high, s.error) for s in scalars))
         options = _library.PublisherOptions(codec=_text(codec), error=error, key_rate_hz=key_rate_hz, bitrate=bitrate,
                                             still_heartbeat_us=still_heartbeat_us, scalars=len(scalars), scalar_info=c_scalars, velocities=int(velocities),
-                                            memory=_text(memory),
+                                            memory=_text(memory), learn=_text(learn),
                                             **_access(token, ca_file, certificate_file, key_file, insecure))
         handle = ctypes.c_void_p()
         check(LIBRARY.ec_publisher_create(_text(url), asset._open(), ctypes.byref(options), ctypes.byref(handle)))

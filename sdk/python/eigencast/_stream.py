@@ -69,13 +69,13 @@ class Stream(_Object):
                    stream anew, without a bake
       max_rate_hz  of poses that come faster the newest waits for its turn; math.inf: no limit
       on_topology  other faces than the first are another surface ("rebake") or an error ("raise")
-      error, bitrate, memory, token and the files of TLS: as of Publisher
+      error, bitrate, memory, learn, token and the files of TLS: as of Publisher
     In a forked process send() raises, and close() leaves all to the parent.
     """
     _release = staticmethod(LIBRARY.ec_stream_release)
 
     def __init__(self, url, rank=200, *, up="y", scale=1.0, scalars=None, max_rate_hz=30.0, on_topology="rebake", basis="augmented", name="",
-                 target_error=None, cache_dir=None, error=0.0, bitrate=0.0, memory="off", token=None, ca_file=None, certificate_file=None,
+                 target_error=None, cache_dir=None, error=0.0, bitrate=0.0, memory="off", learn="off", token=None, ca_file=None, certificate_file=None,
                  key_file=None, insecure=False):
         if on_topology not in ("rebake", "raise"):
             raise ValueError("on_topology must be rebake or raise")
@@ -87,7 +87,7 @@ class Stream(_Object):
         c_scalars = (_library.Scalar * len(known))(*((_text(s.name), _text(s.unit), s.low, s.high, s.error) for s in known))
         bake = _library.BakeOptions(rank=0 if target_error else rank or 0, basis=_text(basis), name=_text(name), target_error=target_error or 0,
                                     cache_dir=_text(cache_dir))
-        publisher = _library.PublisherOptions(error=error, bitrate=bitrate, memory=_text(memory), scalars=len(known), scalar_info=c_scalars,
+        publisher = _library.PublisherOptions(error=error, bitrate=bitrate, memory=_text(memory), learn=_text(learn), scalars=len(known), scalar_info=c_scalars,
                                               **_access(token, ca_file, certificate_file, key_file, insecure))
         options = _library.StreamOptions(bake=ctypes.pointer(bake), publisher=ctypes.pointer(publisher), up=_text(up), scale=scale,
                                          max_rate_hz=max_rate_hz, refuse_topology=int(on_topology == "raise"))

@@ -1,0 +1,199 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""A stream that learns columns: viewers see one continuous stream of less error and fetch the columns alone, and programs that are
+killed while the stream changes over come back to what is sent.
+
+    learn_test.py BROKER SENDER CLIENT [-v]
+"""
+import array
+import json
+import math
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests/support")]
+import cases
+from websocket_peer import TEXT, Peer, ports_of
+
+BROKER = SENDER = CLIENT = None
+PATIENCE_S = 240
+RANK, RINGS, SIDES = 40, 60, 24
+
+
+def pose(number):
+    """A tube, which sways, as its basis can, and folds, as a few columns can."""
+    t, points = 0.2 * number, array.array("f")
+    for i in range(RINGS):
+        along = i / RINGS
+        for j in range(SIDES):
+            around = math.tau * j / SIDES
+            radius = 0.2 + 0.02 * (math.sin(t) * math.cos(150 * along) + math.cos(1.7 * t) * math.sin(120 * along))
+            points.extend((along + 0.1 * math.sin(0.7 * t), radius * math.cos(around) + 0.2 * math.sin(3 * along + t), radius * math.sin(around)))
+    return points.tobytes()
+
+
+def mesh():
+    rest = array.array("f", pose(0))
+    corner = lambda i, j: i * SIDES + j % SIDES + 1
+    quads = [(corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)) for i in range(RINGS - 1) for j in range(SIDES)]
+    return "".join([*(f"v {rest[i]} {rest[i + 1]} {rest[i + 2]}\n" for i in range(0, len(rest), 3)), *(f"f {a} {b} {c}\nf {a} {c} {d}\n" for a, b, c, d in quads)])
+
+
+def lines(path):
+    return [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")] if path.exists() else []
+
+
+class Scene:
+    """A broker that keeps folder and port, a sender that learns, and viewers that record what they receive."""
+
+    def __init__(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-learn-"))
+        (self.folder / "tube.obj").write_text(mesh())
+        self.viewers, self.feeders = 0, []
+        self.start_broker("127.0.0.1:0")
+
+    def start_broker(self, listen):
+        (self.folder / "port").unlink(missing_ok=True)
+        self.broker = subprocess.Popen([BROKER, f"--listen={listen}", "--admin-listen=127.0.0.1:0", f"--port-file={self.folder / 'port'}",
+                                        f"--data-dir={self.folder / 'broker'}", "--log-level=error"])
+        self.port = ports_of(self.folder / "port")[0]
+        self.url = f"http://127.0.0.1:{self.port}/live/tube"
+
+    def start_sender(self):
+        self.sender = subprocess.Popen([SENDER, "pipe", "--mesh", self.folder / "tube.obj", "--to", self.url, "--cache", self.folder / "bakes", "--wait",
+                                        "--rank", str(RANK), "--rate", "30", "--learn", "on", "--json", self.folder / "report"], stdin=subprocess.PIPE)
+        feeder = threading.Thread(target=self.feed, args=(self.sender,))
+        feeder.start()
+        self.feeders.append(feeder)
+
+    def feed(self, sender):
+        number = 0
+        try:
+            while True:
+                sender.stdin.write(pose(number))
+                number += 1
+        except (BrokenPipeError, ValueError):
+            pass
+
+    def start_viewer(self):
+        self.viewers += 1
+        record = self.folder / f"poses-{self.viewers}"
+        return record, subprocess.Popen([CLIENT, self.url, "--headless", "--size", "16x16", "--duration", "600", "--wait", str(PATIENCE_S), "--record", record,
+                                         "--cache", ""])
+
+    def end(self, *viewers):
+        for process in (*(viewer for _, viewer in viewers), self.sender, self.broker):
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+            process.wait(60)
+        for feeder in self.feeders:
+            feeder.join()
+
+
+def ranks(poses):
+    return [len(p["coefficients"]) // 3 for p in poses]
+
+
+class Learning(unittest.TestCase):
+    def wait(self, what, condition):
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            self.assertLess(time.monotonic(), deadline, what)
+            time.sleep(0.05)
+
+    def learnt(self, record, poses=30):
+        return sum(rank > RANK for rank in ranks(lines(record))) >= poses
+
+    def check_orders(self, poses):
+        """Nothing stale, nothing foreign."""
+        for before, after in zip(poses, poses[1:]):
+            if before["epoch"] == after["epoch"]:
+                self.assertGreaterEqual(after["sequence"], before["sequence"])
+                self.assertEqual(len(before["coefficients"]), len(after["coefficients"]))
+            else:
+                self.assertGreater(after["epoch"], before["epoch"])
+
+    def test_viewers_see_one_stream(self):
+        scene = Scene()
+        scene.start_sender()
+        viewer = scene.start_viewer()
+        self.wait("the stream does not change over", lambda: self.learnt(viewer[0], 60))
+        later = scene.start_viewer()
+        self.wait("who comes later sees nothing", lambda: self.learnt(later[0], 10))
+        scene.end(viewer, later)
+        report, poses = json.loads((scene.folder / "report").read_text()), lines(viewer[0])
+        self.assertEqual([report["reconnects"], report["changes"]], [0, 1])
+        self.check_orders(poses)
+        all_ranks = ranks(poses)
+        change = all_ranks.index(RANK + report["learnt_columns"])
+        self.assertEqual([set(all_ranks[:change]), set(all_ranks[change:])], [{RANK}, {RANK + report["learnt_columns"]}])
+        speeds = []  # Of the coefficients that both bases have.
+        for before, after in zip(poses, poses[1:]):
+            elapsed = (after["capture_us"] - before["capture_us"]) / 1e6
+            moved = max(abs(a - b) for a, b in zip(before["coefficients"][:3 * RANK], after["coefficients"][:3 * RANK]))
+            speeds.append(moved / elapsed if elapsed > 0 else 0)
+        around = slice(change - 1, change + 8)
+        self.assertLessEqual(max(speeds[around]), 1.5 * max(speeds[:around.start] + speeds[around.stop:]), "it jumps")
+        self.assertEqual(set(ranks(lines(later[0]))), {RANK + report["learnt_columns"]})
+
+    def in_the_middle(self):
+        """A scene whose stream changes over, but for a viewer that never has what is next: half a minute is left."""
+        scene = Scene()
+        mute = Peer(scene.port, "/v1/subscribe/live/tube?rate=raw", "eigencast.v2")
+        told = threading.Event()
+        threading.Thread(target=self.read, args=(mute, told), daemon=True).start()
+        scene.start_sender()
+        viewer = scene.start_viewer()
+        self.assertTrue(told.wait(PATIENCE_S), "nothing is prepared")
+        self.wait("no poses", lambda: lines(viewer[0]))
+        return scene, viewer
+
+    def read(self, peer, told):
+        """To the end: else its link would be a slow one."""
+        peer.sock.settimeout(PATIENCE_S)
+        try:
+            while True:
+                opcode, payload = peer.receive()
+                if opcode == TEXT and (json.loads(payload).get("next") or {}).get("asset"):
+                    told.set()
+        except (OSError, EOFError):
+            pass
+
+    def test_a_killed_sender(self):
+        scene, viewer = self.in_the_middle()
+        scene.sender.kill()
+        scene.sender.wait()
+        scene.start_sender()
+        self.wait("it does not learn again", lambda: self.learnt(viewer[0]))
+        scene.end(viewer)
+        self.check_orders(lines(viewer[0]))
+
+    def test_a_killed_broker(self):
+        scene, viewer = self.in_the_middle()
+        scene.broker.kill()
+        scene.broker.wait()
+        scene.start_broker(f"127.0.0.1:{scene.port}")
+        self.wait("it does not go on with what it learnt", lambda: self.learnt(viewer[0]))
+        scene.end(viewer)
+        self.check_orders(lines(viewer[0]))
+
+    def test_a_killed_viewer(self):
+        scene, viewer = self.in_the_middle()
+        viewer[1].kill()
+        viewer[1].wait()
+        again = scene.start_viewer()
+        self.wait("it does not see what was learnt", lambda: self.learnt(again[0]))
+        scene.end(again)
+        self.check_orders(lines(again[0]))
+
+
+if __name__ == "__main__":
+    BROKER, SENDER, CLIENT = sys.argv[1:4]
+    cases.main(argv=[sys.argv[0], *sys.argv[4:]])
