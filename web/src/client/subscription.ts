@@ -88,6 +88,7 @@ export class Subscription implements Listener {
   #memory: Promise<MemoryFetcher> | undefined;
   #memoryOver = new AbortController();
   #held: Pose | undefined;
+  #last: (Pose & { rank: number }) | undefined;
   #isOpen = false;
   #everOpen = false;
   #isRefused = false;
@@ -235,7 +236,7 @@ export class Subscription implements Listener {
     const shown = this.surfaces.shown;
     if (shown?.reader) {
       this.#observer.onSurface({
-        epoch: shown.info!.epoch, asset: shown.asset, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
+        epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
       });
     }
     if (shown?.isFinished && this.#imageOf !== shown) {
@@ -243,7 +244,8 @@ export class Subscription implements Listener {
       const image = shown.reader?.image;
       if (image) this.#observer.onImage(image);
     }
-    const held = this.#held;
+    // Also the last one where more of its rows are shown now.
+    const last = this.#last, rank = shown?.reader?.facts.rank, held = this.#held ?? (last?.rank === rank ? undefined : last);
     if (held && this.surfaces.isShown(held.epoch)) {
       this.#held = undefined;
       this.#deliver(held);
@@ -253,10 +255,13 @@ export class Subscription implements Listener {
   /** Rows that did not come become those of the rest pose. */
   #deliver(pose: Pose): void {
     const reader = this.surfaces.shown?.reader;
-    if (!reader || pose.channels < 3 || pose.coefficients.length !== reader.facts.rank * pose.channels) return;
+    const rank = reader?.facts.rank ?? 0, size = rank * pose.channels;
+    if (!reader || pose.channels < 3 || pose.coefficients.length < size) return;
+    this.#last = { ...pose, rank };
+    // Without them the band of learnt columns is left out.
     const filled = <One extends { coefficients: Float64Array; bands: number }>(one: One): One =>
-      ({ ...one, coefficients: reader.filled(one.coefficients, pose.channels, one.bands) });
-    this.#observer.onPose({ ...filled(pose), next: pose.next && filled(pose.next) });
+      ({ ...one, coefficients: reader.filled(one.coefficients.subarray(0, size), pose.channels, one.bands) });
+    this.#observer.onPose({ ...filled(pose), bandEnds: pose.bandEnds.filter((end) => end <= rank), next: pose.next && filled(pose.next) });
   }
   /** The observer hears of states and details that are new; `always`: of figures alone, too. */
   #tell(always = false): void {

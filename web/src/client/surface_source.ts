@@ -29,7 +29,11 @@ export class Arriving {
   damage = '';
   readonly fetcher: ObjectFetcher;
 
-  constructor(readonly asset: string, public info: StreamInfo | undefined, environment: Environment, broker: BrokerUrl, readonly isPreview = false) {
+  /** Of assets that differ by columns alone, the first that was shown. */
+  look: string;
+
+  constructor(readonly asset: string, public info: StreamInfo | undefined, environment: Environment, broker: BrokerUrl, readonly isPreview = false, private after?: Arriving) {
+    this.look = asset;
     this.fetcher = new ObjectFetcher(environment, broker);
   }
   get isFinished(): boolean {
@@ -55,10 +59,21 @@ export class Arriving {
       if (!manifest || this.fetcher.isStopped) return;
       if (this.isPreview) return void (await this.#showPrefix(core, manifest, maxBytes, grown));
       whole = new AssetReader(core, this.asset, manifest, { maxBytes });
+      const { after } = this;
+      this.after = undefined;
+      const addColumns = async (to: AssetReader): Promise<void> => {
+        if (this.info && to.facts.rank !== this.info.format!.rows) await (await import('./learnt.js')).addColumns(this, to, after);
+      };
+      if (after?.isFinished) await addColumns(whole);
+      if (whole.isComplete) {
+        this.#show(whole, false);
+        return grown();
+      }
       this.totalBytes = manifest.length;
       for (let i = 0; i < whole.chunkCount; ++i) this.totalBytes += whole.chunk(i).bytes;
       this.checkFormat(whole.facts.rank);
       const prefix = await this.#showPrefix(core, manifest, maxBytes, grown);
+      await addColumns(whole);
       const seen = prefix && new Promise<void>((resolve) => setTimeout((this.#seen = resolve), FIRST_MS));
       while (!whole.isComplete && this.damage === '') {
         const { id, bytes } = whole.chunk(whole.next);
@@ -109,7 +124,7 @@ export class Arriving {
   /** The announced poses may not deform this surface. */
   checkFormat(rank: number): void {
     const format = this.info?.format;
-    const why = format === undefined ? '' : rank !== format.rows ? `its basis has ${rank} columns, the stream's poses have ${format.rows}`
+    const why = format === undefined ? '' : !format.band_ends.includes(rank) ? `its basis has ${rank} columns, the stream's poses have ${format.rows}`
       : format.channels < 3 ? 'its poses have fewer than three channels' : '';
     if (why === '') return;
     this.damage = `the stream's surface cannot be shown: ${why}`;
@@ -180,7 +195,7 @@ export class SurfaceSource {
   }
 
   #begin(asset: string, info?: StreamInfo): void {
-    const arriving = (this.pending = new Arriving(asset, info, this.#environment, this.#broker, this.#limits.isPreview));
+    const arriving = (this.pending = new Arriving(asset, info, this.#environment, this.#broker, this.#limits.isPreview, this.shown));
     void arriving.run(this.#core, this.#limits.maxBytes, () => this.#grown(arriving));
   }
   #grown(arriving: Arriving): void {
