@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <optional>
 #include <set>
 
 #include "common/asset/asset.h"
@@ -14,8 +15,10 @@
 #include "common/progressive/prefix.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/checks/orientation.h"
+#include "common/surface/formats/clip.h"
 #include "common/surface/formats/read.h"
 #include "common/surface/shapes/shapes.h"
+#include "common/surface/vector.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/unit/sdk/bake_options.h"
@@ -464,6 +467,36 @@ TEST(Bake, CanBeStoppedAtEveryStage) {
     ASSERT_FALSE(result) << stop;
     EXPECT_EQ(result.error().code, ErrorCode::kCancelled) << stop;
   }
+}
+
+/// What a basis leaves out of a clip.
+double missed_by(const Asset& asset, const MotionClip& clip) {
+  const auto projector = Projector::create(asset);
+  EXPECT_TRUE(projector);
+  double squares = 0;
+  for (std::size_t frame = 0; projector && frame < clip.frame_count(); frame += 4) {
+    const auto pose = clip.pose(frame);
+    EXPECT_TRUE(pose);
+    const auto C =
+        projector->coefficients_from_positions(std::span<const double>(pose->front().data(), 3 * pose->size()));
+    EXPECT_TRUE(C);
+    const std::vector<Vec3> rebuilt = rebuild(asset, *C);
+    for (std::size_t i = 0; i < rebuilt.size(); ++i) squares += std::pow(length(rebuilt[i] - (*pose)[i]), 2);
+  }
+  return std::sqrt(squares);
+}
+
+TEST(Bake, FirstPosesMissATenthMoreThanExactOnesAtMost) {
+  const auto clip = open_clip(gait_clip().string());
+  ASSERT_TRUE(clip) << clip.error().message;
+  std::optional<Asset> first;
+  BakeOptions options = of_rank(60);
+  options.first = [&](BakeResult& made) { first = std::move(made.asset); };
+  ASSERT_TRUE(bake((*clip)->rest(), options));
+  if (!first) GTEST_SKIP() << "the clip has so few vertices that no basis goes first";
+  const auto exact = bake((*clip)->rest(), of_rank(static_cast<int>(first->rank)));
+  ASSERT_TRUE(exact);
+  EXPECT_LE(missed_by(*first, **clip), 1.1 * missed_by(exact->asset, **clip));
 }
 
 TEST(Bake, HostileSurfacesAreBakedOrRefused) {
