@@ -291,7 +291,7 @@ struct Describe {
     profile(m.profile);
     world(m);
     if (!f.wants("next", m.next.has_value())) return;
-    if (f.reads()) m.next.emplace();
+    if (f.reads()) m.next = control::StreamInfo::Next{};
     f.object("next", [&](Fields fields) {
       if (fields.wants("asset", !m.next->asset.empty())) fields.asset_id("asset", m.next->asset);
       if (fields.wants("progress", m.next->asset.empty())) fields.number("progress", m.next->progress, 0, 1);
