@@ -286,7 +286,8 @@ class Service {
     std::signal(SIGPIPE, SIG_IGN);
     clock_is_stepped = true;
     loops_.first().begin();
-    store(kAsset);
+    asset_ = store({reinterpret_cast<const std::uint8_t*>(kAsset.data()), kAsset.size()});
+    segment_ = store(*broker::testing::segment_of(0, 10, Sha256::from_hex(asset_)->digest).coded);
   }
   ~Service() { std::filesystem::remove_all(folder_); }
 
@@ -316,6 +317,7 @@ class Service {
     if (gate_.policy() != policy_) gate_.replace_policy(policy_);
   }
   const std::string& asset() const { return asset_; }
+  const std::string& segment() const { return segment_; }  ///< Of a memory of poses of that asset.
 
   static constexpr std::string_view kAsset = "a surface";
 
@@ -333,16 +335,16 @@ class Service {
     settings.max_objects = static_cast<std::uint64_t>(config().assets.max_objects);
     return settings;
   }
-  void store(std::string_view content) {
-    const ByteView bytes(reinterpret_cast<const std::uint8_t*>(content.data()), content.size());
+  /// Its name.
+  std::string store(ByteView bytes) {
     const Sha256 id = sha256(bytes);
     auto upload = assets_->begin_upload(id);
     REQUIRE(upload && (*upload)->write(bytes) && (*upload)->commit());
-    asset_ = id.hex();
+    return id.hex();
   }
 
   const std::string folder_;
-  std::string asset_;
+  std::string asset_, segment_;
   std::uint32_t epoch_ = 0;
   std::shared_ptr<const AccessPolicy> policy_;
   Gate gate_;
@@ -434,6 +436,15 @@ const std::vector<std::string>& messages() {
       texts.push_back(text_from_control(message));
     }
     texts.push_back(R"({"op":"unknown"})");
+    announce = broker::testing::small_announce();
+    announce.asset = service().asset();
+    announce.continues = true;
+    for (const ControlMessage& message : std::vector<ControlMessage>{
+             announce, control::Prepared{"a", announce.asset}, control::Progress{"a", 0.5},
+             control::Remember{"a", 1, 0, {service().segment()}}, control::Remember{"a", 2, 1, {}},
+             control::Remember{"a", 3, 0, {}}, control::Ack{{{1, 1, 0, 1}}, 1}, control::Ack{{{1, 1, 0, 2}}, 1}}) {
+      texts.push_back(text_from_control(message));
+    }
     return texts;
   }();
   return all;
