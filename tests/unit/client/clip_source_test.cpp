@@ -102,6 +102,9 @@ TEST(ClipSources, StillFilesGiveOnePose) {
   const auto again = BakedClip::open(path, (folder / "cache").string());
   ASSERT_TRUE(again);
   EXPECT_EQ((*again)->asset_id, (*clip)->asset_id);
+  const auto all = BakedClip::open(folder.string() + "/", (folder / "cache").string());
+  ASSERT_TRUE(all) << all.error().message;
+  EXPECT_EQ((*all)->name, folder.filename().string());
   std::filesystem::remove_all(folder);
   EXPECT_FALSE(BakedClip::open(path, ""));
   const auto unknown = BakedClip::open("nonsense", "");
