@@ -53,24 +53,6 @@ int32_t asset_add(core_asset* asset, uint32_t index, const uint8_t* bytes, uint3
   return web::status_of(asset->reader.add_chunk(index, ByteView(bytes, size)));
 }
 
-const core_chunk* asset_columns(core_asset* asset) {
-  const auto columns = asset->reader.columns();
-  if (!columns) return nullptr;
-  core_chunk& chunk = asset->chunk = {};
-  std::copy(columns->id.digest.begin(), columns->id.digest.end(), chunk.id);
-  chunk.bytes = static_cast<std::uint32_t>(columns->bytes);
-  return &chunk;
-}
-
-int32_t asset_add_columns(core_asset* asset, const core_asset* whole, const uint8_t* bytes, uint32_t size) {
-  AssetReader& reader = asset->reader;
-  if (whole != nullptr && reader.has_chunks_of(whole->reader))
-    return web::status_of(reader.add_columns_to(whole->reader, ByteView(bytes, size)));
-  const auto added = reader.add_columns(ByteView(bytes, size));
-  if (added) reader.reserve();
-  return web::status_of(added);
-}
-
 const core_facts* asset_facts(core_asset* held) {
   const Asset& asset = held->reader.asset();
   core_facts& facts = held->facts = {};

@@ -165,11 +165,6 @@ uint32_t CORE(asset_chunk_count)(const core_asset* asset);
 const core_chunk* CORE(asset_chunk)(core_asset* asset, uint32_t index);
 /* Chunks come in order, each whole or its first needed_bytes. After an error nothing has changed. */
 int32_t CORE(asset_add)(core_asset* asset, uint32_t index, const uint8_t* bytes, uint32_t size);
-/* The columns that the asset's stream has learnt, as a chunk without rows; null: there are none. */
-const core_chunk* CORE(asset_columns)(core_asset* asset);
-/* They come before the first chunk; with them all chunks of `whole`, where that is another asset of the same chunks.
-   Without them the asset is what its chunks hold. */
-int32_t CORE(asset_add_columns)(core_asset* asset, const core_asset* whole, const uint8_t* bytes, uint32_t size);
 const core_facts* CORE(asset_facts)(core_asset* asset);
 /* The number in the source of a vertex that has arrived, or of the one that a drawn vertex with UVs stands for;
    2^32 - 1: it has not. */

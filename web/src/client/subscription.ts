@@ -88,7 +88,6 @@ export class Subscription implements Listener {
   #memory: Promise<MemoryFetcher> | undefined;
   #memoryOver = new AbortController();
   #held: Pose | undefined;
-  #last: (Pose & { rank: number }) | undefined;
   #isOpen = false;
   #everOpen = false;
   #isRefused = false;
@@ -244,8 +243,7 @@ export class Subscription implements Listener {
       const image = shown.reader?.image;
       if (image) this.#observer.onImage(image);
     }
-    // Also the last one where more of its rows are shown now.
-    const last = this.#last, rank = shown?.reader?.facts.rank, held = this.#held ?? (last?.rank === rank ? undefined : last);
+    const held = this.#held;
     if (held && this.surfaces.isShown(held.epoch)) {
       this.#held = undefined;
       this.#deliver(held);
@@ -257,8 +255,7 @@ export class Subscription implements Listener {
     const reader = this.surfaces.shown?.reader;
     const rank = reader?.facts.rank ?? 0, size = rank * pose.channels;
     if (!reader || pose.channels < 3 || pose.coefficients.length < size) return;
-    this.#last = { ...pose, rank };
-    // Without them the band of learnt columns is left out.
+    // The band of learnt columns is left out.
     const filled = <One extends { coefficients: Float64Array; bands: number }>(one: One): One =>
       ({ ...one, coefficients: reader.filled(one.coefficients.subarray(0, size), pose.channels, one.bands) });
     this.#observer.onPose({ ...filled(pose), bandEnds: pose.bandEnds.filter((end) => end <= rank), next: pose.next && filled(pose.next) });

@@ -29,7 +29,7 @@ export class Arriving {
   damage = '';
   readonly fetcher: ObjectFetcher;
 
-  /** Of assets that differ by columns alone, the first that was shown. */
+  /** Of what is the same to who sees it: learnt columns are not shown here. */
   look: string;
 
   constructor(readonly asset: string, public info: StreamInfo | undefined, environment: Environment, broker: BrokerUrl, readonly isPreview = false, private after?: Arriving) {
@@ -61,19 +61,11 @@ export class Arriving {
       whole = new AssetReader(core, this.asset, manifest, { maxBytes });
       const { after } = this;
       this.after = undefined;
-      const addColumns = async (to: AssetReader): Promise<void> => {
-        if (this.info && to.facts.rank !== this.info.format!.rows) await (await import('./learnt.js')).addColumns(this, to, after);
-      };
-      if (after?.isFinished) await addColumns(whole);
-      if (whole.isComplete) {
-        this.#show(whole, false);
-        return grown();
-      }
+      if (after && whole.facts.rank !== this.info?.format?.rows && (await import('./learnt.js')).takeOver(this, after, whole)) return grown();
       this.totalBytes = manifest.length;
       for (let i = 0; i < whole.chunkCount; ++i) this.totalBytes += whole.chunk(i).bytes;
       this.checkFormat(whole.facts.rank);
       const prefix = await this.#showPrefix(core, manifest, maxBytes, grown);
-      await addColumns(whole);
       const seen = prefix && new Promise<void>((resolve) => setTimeout((this.#seen = resolve), FIRST_MS));
       while (!whole.isComplete && this.damage === '') {
         const { id, bytes } = whole.chunk(whole.next);

@@ -85,13 +85,6 @@ export class AssetReader {
     this.core.tidy();
     ++this.#next;
   }
-  /** The columns that the stream has learnt, before the first chunk; with them all chunks of `whole`, if they are the same. */
-  addColumns(bytes: Uint8Array, whole?: AssetReader): void {
-    const at = this.core.given(bytes);
-    this.core.checked(this.core.exports.asset_add_columns(this.at, whole?.at ?? 0, at, bytes.length));
-    this.core.tidy();
-    if (this.facts.rowsReady > 0) this.#next = this.chunkCount;
-  }
 
   get facts(): AssetFacts {
     const at = this.core.exports.asset_facts(this.at);

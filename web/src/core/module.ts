@@ -32,8 +32,6 @@ export interface Exports {
   asset_chunk_count(asset: number): number;
   asset_chunk(asset: number, index: number): number;
   asset_add(asset: number, index: number, bytes: number, size: number): number;
-  asset_columns(asset: number): number;
-  asset_add_columns(asset: number, whole: number, bytes: number, size: number): number;
   asset_facts(asset: number): number;
   asset_fill(asset: number, coefficients: number, count: number, channels: number, bands: number): number;
   surface_make(): number;

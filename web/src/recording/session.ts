@@ -136,11 +136,11 @@ export class RecordedStream {
     const captureUs = Number(shownUs), smooth = this.#anchor && this.#anchor.timeUs + captureUs - this.#anchor.captureUs;
     const at = smooth !== undefined && Math.abs(smooth - timeUs) < JITTER_US ? smooth : timeUs;
     if (at === timeUs) this.#anchor = { captureUs, timeUs };
-    const { channels, band_ends } = info.format!;
-    if (channels < 3 || coefficients.length !== reader.facts.rank * channels) return;
+    const { channels, band_ends } = info.format!, { rank } = reader.facts;
+    if (channels < 3 || coefficients.length < rank * channels) return;
     const pose: Pose = {
-      kind: 'key', sequence: head.sequence, epoch: info.epoch, captureUs: BigInt(at), arrivalUs: timeUs, bands: head.bands, channels, bandEnds: band_ends,
-      coefficients: reader.filled(coefficients.slice(), channels, head.bands), next: undefined,
+      kind: 'key', sequence: head.sequence, epoch: info.epoch, captureUs: BigInt(at), arrivalUs: timeUs, bands: head.bands, channels, bandEnds: band_ends.filter((end) => end <= rank),
+      coefficients: reader.filled(coefficients.slice(0, rank * channels), channels, head.bands), next: undefined,
     };
     this.#observer.onPose(pose);
   }

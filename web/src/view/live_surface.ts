@@ -169,8 +169,6 @@ export class LiveSurface {
       this.#playout.reset();
       this.#shownUs = undefined;
       if (!isSame) [this.#coefficients, this.box] = [undefined, undefined];
-    } else if (surface.facts.rank !== this.#surface?.facts.rank) {
-      this.#playout.reset();
     }
     this.#surface = surface;
     this.#coefficients ??= surface.rest;
