@@ -11,6 +11,8 @@ import type { Tile } from './target.js';
 import type { View } from './view.js';
 
 const HIDDEN_AFTER_MS = 2000;
+/** Until what holds the rate is asked for again. */
+const RETRY_MS = 5000;
 /** Of more surfaces so many are drawn in a turn of the display, all of them one after the other. */
 const MAX_A_TURN = 20;
 /** Up to so many are drawn as soon as they can be. */
@@ -152,12 +154,15 @@ export class Stage {
     this.#gl.flush();  // Else they wait for the display's next turn.
   }
 
-  /** Behind the first picture; until it is there all is drawn. */
+  /** Behind the first picture; until it is there all is drawn. What fails is said later: nothing loads on a page that is being left. */
   #control(): void {
     this.#isControlled = true;
     void compiled(defaults.levels, surroundings()).then((module) => Core.make(module)).then((core) => {
       if (!this.#isClosed) this.#levels = new Levels(core, this.#rate);
-    }).catch((error: unknown) => console.error('eigencast: pictures may be late, for what holds their rate was not loaded:', error));
+    }).catch((error: unknown) => setTimeout(() => {
+      this.#isControlled = false;
+      console.error('eigencast: pictures may be late, for what holds their rate was not loaded; it is asked for again:', error);
+    }, RETRY_MS));
   }
   #schedule(): void {
     this.#turn ??= requestAnimationFrame(() => {

@@ -14,11 +14,12 @@ const POLICY = (host) => [
 /**
  * Serves the page as a broker does: what was built below /v1/web/, the page for all other names, the rest by the broker
  * at `port`, or by nobody. `pages`: documents of a test, by path. `prefix`: as behind a proxy. Without a
- * policy the site is anybody's. `isProxy`: the broker serves all of it.
+ * policy the site is anybody's. `isProxy`: the broker serves all of it. A path in `held` is never answered, but counted.
  */
 export async function startSite(port, { pages = {}, prefix = '', hasPolicy = true, isProxy = false } = {}) {
-  const server = createServer((request, response) => {
+  const held = new Map(), server = createServer((request, response) => {
     const whole = new URL(request.url, 'http://x').pathname, path = whole.slice(prefix.length);
+    if (held.has(path)) return void held.set(path, held.get(path) + 1);
     if (!whole.startsWith(prefix)) return response.writeHead(404).end('Not Found');
     const file = join(BUILD, path.replace(/^\/v1\/web\//, ''));
     if (!isProxy && path.startsWith('/v1/web/') && !path.includes('..') && existsSync(file)) {
@@ -56,6 +57,7 @@ export async function startSite(port, { pages = {}, prefix = '', hasPolicy = tru
   await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
   return {
     url: `http://127.0.0.1:${server.address().port}${prefix}`,
+    held,
     /** Of WebSockets, so far. */
     counted,
     /** Cuts every WebSocket, as a network that fails. */
