@@ -113,10 +113,12 @@ void StatusLog::show(const Publisher& publisher, TimeUs now_us) {
   const Publisher::Stats now = publisher.stats();
   const double seconds = static_cast<double>(now_us - shown_us_) * 1e-6;
   const auto kbit_per_s = [&](std::uint64_t bytes) { return static_cast<double>(bytes) * 8e-3 / seconds; };
+  // May be less than nothing: where a key that was predicted from the memory took more than a plain one.
+  const double saved = static_cast<double>(now.saved_bytes) - static_cast<double>(last_.saved_bytes);
   std::string memory;
   if (now.memory_bytes > 0)
     memory = fmt::format(" (of memory {:.1f}, which saves {:.1f})", kbit_per_s(now.memory_bytes - last_.memory_bytes),
-                         kbit_per_s(now.saved_bytes - last_.saved_bytes));
+                         saved * 8e-3 / seconds);
   const auto frames = static_cast<double>(now.frames_sent - last_.frames_sent);
   const std::uint64_t bytes = now.payload_bytes - last_.payload_bytes;
   const LinkBytes more = link_bytes(frames, static_cast<double>(bytes));

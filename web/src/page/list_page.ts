@@ -125,7 +125,7 @@ export class ListPage {
     const card = this.#cards.get(stream) ?? this.#add(stream);
     card.state.textContent = state;
     card.state.className = `state ${state}`;
-    const watching = subscribers - (card.stream ? 1 : 0);
+    const watching = Math.max(0, subscribers - (card.stream ? 1 : 0));
     card.more.textContent = `${Number(keyRateHz.toPrecision(3))} keys/s · ${watching === 0 ? 'nobody else watches' : watching === 1 ? '1 viewer' : `${watching} viewers`}`;
     if (this.#stage && card.isNear && !card.view && state !== 'waiting' && this.#previews < MAX_PREVIEWS) this.#preview(card, this.#stage);
   }
