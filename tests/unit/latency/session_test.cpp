@@ -202,7 +202,10 @@ TEST(Session, CountsWhatABrokenLinkLoses) {
   });
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_GT(o->counts.keys_lost, 5u);
-  EXPECT_EQ(o->counts.keys_lost + o->counts.keys_received, o->counts.keys_sent);
+  // On a starved machine newer poses supersede others before the break.
+  const auto& counts = o->counts;
+  const auto missing = counts.keys_sent - counts.keys_received;
+  EXPECT_EQ(counts.keys_lost, missing - std::min(missing, counts.superseded + counts.overtaken));
 }
 
 /// A connection that nobody answers must not hold the run up; one that did would meet the timeout of the test.

@@ -239,7 +239,7 @@ TEST(BakeCache, KeyDependsOnSurfaceAndOptions) {
   const Surface surface = make_icosphere(2);
   ASSERT_TRUE(bake(surface, of_rank(30), folder.path()));
   Surface moved = surface;
-  moved.positions[5][1] = std::nextafter(moved.positions[5][1], 9.0);
+  moved.positions[5][1] += 1e-3;  // Less is found as the same rest pose, moved rigidly.
   Surface turned = surface;
   std::swap(turned.faces[3][0], turned.faces[3][1]);
   BakeOptions named = of_rank(30);
@@ -274,14 +274,22 @@ TEST(BakeCache, DamagedEntriesAreBakedAgain) {
   ASSERT_TRUE(first);
   const std::vector<fs::path> files = files_under(folder.path());
   ASSERT_GE(files.size(), 3U);  // a record, a manifest, a chunk
+  // The record of this rest pose, and that of where else it may lie, each do without the other.
+  std::size_t baked = 0;
   for (const fs::path& file : files) {
     fs::resize_file(file, fs::file_size(file) / 2);
     const auto again = bake(surface, of_rank(30), folder.path());
     ASSERT_TRUE(again);
-    EXPECT_FALSE(again->from_cache) << file;
-    EXPECT_EQ(again->encoded.manifest.id, first->encoded.manifest.id);
+    baked += again->from_cache ? 0 : 1;
+    EXPECT_EQ(again->encoded.manifest.id, first->encoded.manifest.id) << file;
     EXPECT_TRUE(bake(surface, of_rank(30), folder.path())->from_cache);
   }
+  EXPECT_GE(baked, files.size() - 2);
+  for (const fs::path& file : files) fs::resize_file(file, fs::file_size(file) / 2);
+  const auto again = bake(surface, of_rank(30), folder.path());
+  ASSERT_TRUE(again);
+  EXPECT_FALSE(again->from_cache);
+  EXPECT_EQ(again->encoded.manifest.id, first->encoded.manifest.id);
 }
 
 TEST(BakeCache, UnwritableCacheIsReported) {
