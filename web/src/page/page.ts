@@ -14,7 +14,7 @@ async function open(): Promise<void> {
   hideToken(place);
   if (place.query.has('file')) return location.replace(new URL(`show.html${location.search}`, import.meta.url));
   // Of the page, not of the stream.
-  const compared = place.query.get('compare'), profile = profileIn(new URLSearchParams([...place.query].filter(([name]) => name !== 'compare')));
+  const compared = place.query.get('compare'), profile = place.stream === '' ? {} : profileIn(new URLSearchParams([...place.query].filter(([name]) => name !== 'compare')));
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {
     if (place.stream === '') return;
