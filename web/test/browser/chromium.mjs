@@ -5,6 +5,7 @@ import { spawn } from 'node:child_process';
 import { existsSync, mkdtempSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
+import { until } from './screen.mjs';
 
 export const CHROMIUM = process.env.EIGENCAST_CHROMIUM ?? ['/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome'].find(existsSync);
 /** llvmpipe, which is quicker than Chromium's SwiftShader. */
@@ -74,13 +75,12 @@ class Tab {
     if (exceptionDetails) throw new Error(exceptionDetails.exception?.description ?? exceptionDetails.text);
     return result.value;
   }
-  /** Until the expression is true. */
-  async until(expression, limitMs = 60_000) {
-    for (const end = Date.now() + limitMs; ; await new Promise((resolve) => setTimeout(resolve, 25))) {
-      const value = await this.evaluate(`(() => { try { return ${expression} } catch { return false } })()`).catch(() => false);
-      if (value) return value;
-      if (Date.now() > end) throw new Error(`${expression} did not come; console: ${this.console.join(' | ')}; page: ${await this.evaluate('document.body?.innerText')}`);
-    }
+  until(expression, limitMs) {
+    return until(this, expression, limitMs);
+  }
+  /** Before the scripts of each page that is opened from now on. */
+  async preload(source) {
+    await this.send('Page.addScriptToEvaluateOnNewDocument', { source });
   }
   async screenshot() {
     const { data } = await this.send('Page.captureScreenshot', { format: 'png' });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// figures.mjs [WHAT...]: the figures of docs/performance/web.md that take a browser (first, link, horses, hidden, phone, wall, recording: all of them). The horse
+// figures.mjs [WHAT...]: the figures of docs/performance/web.md that take a browser (first, link, horses, hidden, phone, wall, firefox, recording: all of them). The horse
 // gallops from EIGENCAST_DATA_DIR; EIGENCAST_BIN, EIGENCAST_WEB_BUILD; LOADS: of a page, each with a profile of its own (20).
 import { spawnSync } from 'node:child_process';
 import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
@@ -10,9 +10,10 @@ import { fileURLToPath, pathToFileURL } from 'node:url';
 import { BIN, Programs } from '../system/programs.mjs';
 import { until } from '../unit/fake_broker.mjs';
 import { startChromium } from './chromium.mjs';
+import { startFirefox } from './firefox.mjs';
 import { PRINT, hasState } from './looks.mjs';
 
-const wanted = process.argv.length > 2 ? process.argv.slice(2) : ['first', 'link', 'horses', 'hidden', 'phone', 'wall', 'recording'];
+const wanted = process.argv.length > 2 ? process.argv.slice(2) : ['first', 'link', 'horses', 'hidden', 'phone', 'wall', 'firefox', 'recording'];
 const LOADS = Number(process.env.LOADS ?? 20), SWIFTSHADER = ['--use-angle=swiftshader', '--enable-unsafe-swiftshader'];
 const HORSE = join(process.env.EIGENCAST_DATA_DIR ?? '', 'animations/horse-gallop');
 const part = (values, of) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(of * values.length))];
@@ -54,18 +55,18 @@ const EMPTY = `<!doctype html><title>empty</title><canvas width="960" height="60
 </script>`;
 
 /** Loads of `url`, each in a browser of its own: milliseconds to the first picture, and to the whole surface. */
-async function loads(url, count, { size = [960, 600], slower = 1, screen = {}, flags = [] } = {}) {
+async function loads(url, count, { start = startChromium, size = [960, 600], slower = 1, screen = {} } = {}) {
   const first = [], complete = [];
   for (let load = 0; load < count; ++load) {
-    const chromium = await startChromium(...flags), tab = await chromium.tab();
+    const browser = await start(), tab = await browser.tab();
     await tab.size(...size, screen);
     if (slower > 1) await tab.send('Emulation.setCPUThrottlingRate', { rate: slower });
-    await tab.send('Page.addScriptToEvaluateOnNewDocument', { source: WATCH });
-    await chromium.settled();
+    await tab.preload(WATCH);
+    await browser.settled?.();
     await tab.open(url);
     complete.push(await tab.until('window.complete', 120_000));
     first.push(await tab.evaluate('window.firstPicture'));
-    await chromium.stop();
+    await browser.stop();
   }
   return { first, complete };
 }
@@ -171,6 +172,10 @@ const FIGURES = {
     await sleep(3000);
     console.log(`phone (390 x 844, a quarter of the processor): first picture ${said(first)}; main thread: ${await mainThread(tab, 5)}`);
     await chromium.stop();
+  },
+  async firefox(url) {
+    const count = Math.max(3, Math.round(LOADS / 4)), { first, complete } = await loads(url, count, { start: startFirefox });
+    console.log(`Firefox, loopback, ${count} fresh profiles: first picture ${said(first)}; complete ${said(complete)}`);
   },
   /** An hour of the horse in one file: how large, how soon it plays, and how soon the picture of any other time is there. */
   async recording() {

@@ -6,25 +6,13 @@ import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { ws } from '../unit/fake_broker.mjs';
+import { HAS_SCREEN, heard, startScreen, until } from './screen.mjs';
 
-export const FIREFOX = existsSync('/usr/bin/Xvfb') ? [process.env.EIGENCAST_FIREFOX, '/usr/bin/firefox-esr', '/usr/bin/firefox'].find((path) => path && existsSync(path)) : undefined;
+export const FIREFOX = HAS_SCREEN ? [process.env.EIGENCAST_FIREFOX, '/usr/bin/firefox-esr', '/usr/bin/firefox'].find((path) => path && existsSync(path)) : undefined;
 const PREFERENCES = {
   'webgl.force-enabled': true, 'browser.shell.checkDefaultBrowser': false, 'browser.startup.page': 0, 'datareporting.policy.dataSubmissionEnabled': false,
   'app.normandy.enabled': false, 'browser.safebrowsing.update.enabled': false, 'network.captive-portal-service.enabled': false, 'network.connectivity-service.enabled': false,
 };
-
-/** What the first match of `pattern` in what a stream says captures. */
-function heard(stream, pattern, child, what) {
-  return new Promise((resolve, reject) => {
-    let text = '';
-    stream.setEncoding('utf8').on('data', (more) => {
-      text = (text + more).slice(-65536);
-      const match = pattern.exec(text);
-      if (match) resolve(match[1]);
-    });
-    child.on('exit', () => reject(new Error(`${what} ended: ${text}`)));
-  });
-}
 
 /** A tab, as that of chromium.mjs. */
 class Tab {
@@ -46,13 +34,12 @@ class Tab {
     if (exceptionDetails) throw new Error(exceptionDetails.text);
     return result.type === 'string' ? JSON.parse(result.value) : undefined;
   }
-  /** Until the expression is true. */
-  async until(expression, limitMs = 60_000) {
-    for (const end = Date.now() + limitMs; ; await new Promise((resolve) => setTimeout(resolve, 25))) {
-      const value = await this.evaluate(`(() => { try { return ${expression} } catch { return false } })()`).catch(() => false);
-      if (value) return value;
-      if (Date.now() > end) throw new Error(`${expression} did not come; console: ${this.console.join(' | ')}; page: ${await this.evaluate('document.body?.innerText')}`);
-    }
+  until(expression, limitMs) {
+    return until(this, expression, limitMs);
+  }
+  /** Before the scripts of each page that is opened from now on. */
+  async preload(source) {
+    await this.send('script.addPreloadScript', { functionDeclaration: `() => { ${source}; }`, contexts: [this.context] });
   }
   async key(key) {
     const actions = ['keyDown', 'keyUp'].map((type) => ({ type, value: { ArrowRight: '\uE014' }[key] ?? key }));
@@ -69,10 +56,9 @@ class Tab {
 export async function startFirefox() {
   const profile = mkdtempSync(join(tmpdir(), 'eigencast-firefox-'));
   writeFileSync(join(profile, 'user.js'), Object.entries(PREFERENCES).map(([name, value]) => `user_pref("${name}", ${JSON.stringify(value)});\n`).join(''));
-  const screen = spawn('/usr/bin/Xvfb', ['-displayfd', '3', '-screen', '0', '1024x768x24', '-nolisten', 'tcp'], { stdio: ['ignore', 'ignore', 'ignore', 'pipe'] });
-  const display = await heard(screen.stdio[3], /^(\d+)\n/, screen, 'Xvfb');
+  const screen = await startScreen();
   const child = spawn(FIREFOX, ['--remote-debugging-port', '0', '--profile', profile, '--no-remote', 'about:blank'], {
-    stdio: ['ignore', 'ignore', 'pipe'], env: { ...process.env, DISPLAY: `:${display}`, HOME: profile, LIBGL_ALWAYS_SOFTWARE: '1', MOZ_DISABLE_CONTENT_SANDBOX: '1' },
+    stdio: ['ignore', 'ignore', 'pipe'], env: { ...screen.environment, HOME: profile, MOZ_DISABLE_CONTENT_SANDBOX: '1' },
   });
   const url = await heard(child.stderr, /WebDriver BiDi listening on (ws:\S+)/, child, 'Firefox');
   const socket = new ws.WebSocket(`${url}/session`, { perMessageDeflate: false }), waiting = new Map(), tabs = new Map();
@@ -107,7 +93,7 @@ export async function startFirefox() {
       await ended;
       clearTimeout(timer);
       socket.terminate();
-      screen.kill();
+      screen.stop();
       rmSync(profile, { recursive: true, force: true, maxRetries: 20, retryDelay: 100 });
     },
   };

@@ -13,6 +13,7 @@ import { after, before, test } from 'node:test';
 import { promisify } from 'node:util';
 import { gzipSync } from 'node:zlib';
 import { BIN, Programs } from '../system/programs.mjs';
+import { until } from '../unit/fake_broker.mjs';
 import { BUILD, ROOT } from '../unit/support.mjs';
 import { CHROMIUM, startChromium } from './chromium.mjs';
 import { makePng, readPng } from './pictures.mjs';
@@ -127,7 +128,6 @@ test('ProgramsInNodeTakeTheClient', async () => {
   writeFileSync(join(own, 'list.js'), `
     import { readFile } from 'node:fs/promises';
     import { createRequire } from 'node:module';
-import { createServer } from 'node:net';
     import { connect } from 'eigencast';
     const core = await readFile(createRequire(import.meta.url).resolve('eigencast/core.wasm'));
     const broker = await connect('http://127.0.0.1:${broker.port}', { core, worker: false });
@@ -217,8 +217,10 @@ test('AMeshOfBabylonMovesWithItsStream', IN_BROWSER, async () => {
     await tab.until('shown.mesh.getTotalVertices() === 960 && shown.mesh.getIndices().length > 5000');
     const { radius } = await tab.evaluate('({ radius: shown.mesh.getBoundingInfo().boundingSphere.radius })');
     assert.ok(radius > 1 && radius < 3, String(radius));
+    const watching = async () => (await (await fetch(`http://127.0.0.1:${broker.port}/v1/streams`)).json()).streams.find(({ stream }) => stream === 'still').subscribers;
+    await until(async () => (await watching()) === 1, 'one viewer: the page before has left');
     await tab.evaluate('void shown.mesh.dispose()');
-    await tab.until("shown.horse.stream.status.state !== 'live' || true");
+    await until(async () => (await watching()) === 0, 'no viewer');
   });
   await onPage(`/babylon.html?stream=${streamUrl('textured')}`, (tab) => untilPixels(tab, 'babylon-textured', 500, (r, g, b) => b > r + 60));
   await onPage(`/babylon.html?stream=${streamUrl('points')}`, (tab) => untilPixels(tab, 'babylon-points', 1000, isClay));

@@ -13,9 +13,9 @@ const programs = new Programs();
 let broker = await programs.broker(), sender = programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
 const site = await startSite(broker.port), chromium = await startChromium(), tab = await chromium.tab();
 await tab.size(480, 300);
-await tab.send('Page.addScriptToEvaluateOnNewDocument', { source: `
+await tab.preload(`
   const getContext = HTMLCanvasElement.prototype.getContext;
-  HTMLCanvasElement.prototype.getContext = function (kind, ...more) { const made = getContext.call(this, kind, ...more); if (/webgl/.test(kind)) window.gl = made; return made; };` });
+  HTMLCanvasElement.prototype.getContext = function (kind, ...more) { const made = getContext.call(this, kind, ...more); if (/webgl/.test(kind)) window.gl = made; return made; };`);
 await tab.open(`${site.url}/lab/heart`);
 const hide = (isHidden) => tab.evaluate(`Object.defineProperty(document, 'hidden', { configurable: true, get: () => ${isHidden} }); document.dispatchEvent(new Event('visibilitychange'))`);
 const TROUBLES = {

@@ -42,7 +42,7 @@ if (process.argv[1] && import.meta.url === pathToFileURL(process.argv[1]).href) 
   const stop = await publishWall(programs, broker, Number(count), ...(motion.length > 0 ? motion : ['heart'])), site = await startSite(broker.port), chromium = await startChromium();
   const tab = await chromium.tab();
   await tab.size(...size.split('x').map(Number));
-  await tab.send('Page.addScriptToEvaluateOnNewDocument', { source: COUNTS });
+  await tab.preload(COUNTS);
   await tab.open(`${site.url}/?wall=1`);
   await tab.until(`pictures().length === ${count} && pictures().every((n) => n > 1)`, 120_000);
   await new Promise((resolve) => setTimeout(resolve, 3000));
