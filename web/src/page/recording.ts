@@ -13,13 +13,14 @@ export class Recording {
   readonly #ended: Promise<Blob>;
   #turn = 0;
 
-  /** colours: of the background, from above to below. Throws Error where this browser writes no films. */
-  constructor(from: HTMLCanvasElement, colours: readonly [string, string]) {
+  /** Throws Error where this browser writes no films. */
+  constructor(from: HTMLCanvasElement) {
     const to = document.createElement('canvas'), context = to.getContext('2d', { alpha: false })!;
     // Its size stays; films of an odd one are refused by some.
     [to.width, to.height] = [from.width & ~1, from.height & ~1];
     const wall = context.createLinearGradient(0, 0, 0, to.height);
-    colours.forEach((colour, i) => wall.addColorStop(i, colour));
+    const style = getComputedStyle(from);
+    ['--wall-top', '--wall-bottom'].forEach((colour, i) => wall.addColorStop(i, style.getPropertyValue(colour)));
     const draw = (): void => {
       this.#turn = requestAnimationFrame(draw);
       context.fillStyle = wall;

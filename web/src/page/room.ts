@@ -2,6 +2,7 @@
 import type { Broker, Stream } from '../client/client.js';
 import { moved, sum, times, type Vec3 } from '../view/matrix.js';
 import type { Pixel } from '../view/camera.js';
+import { pick } from '../view/pick.js';
 import type { View } from '../view/view.js';
 import type { part as makePart } from './parts.js';
 import type { Place } from './place.js';
@@ -243,7 +244,7 @@ export class RoomDesk {
 
   /** Of the surface under the cursor. */
   async #under(at: Pixel | undefined): Promise<Omit<SurfacePoint, 'note'> | undefined> {
-    const hit = at && this.#view.pick(at), rebuilt = this.#view.live.drawn?.rebuilt;
+    const hit = at && pick(this.#view.pickable, this.#view.camera, at), rebuilt = this.#view.live.drawn?.rebuilt;
     if (!hit || !rebuilt) return undefined;
     const corners = [...(await this.#stream.sources(Uint32Array.from(hit.vertices), rebuilt.vertices !== rebuilt.level))] as [number, number, number];
     return corners.includes(0xffffffff) ? undefined : { stream: this.#place.stream, corners, weights: hit.weights };

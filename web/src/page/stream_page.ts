@@ -123,8 +123,7 @@ export class StreamPage implements Desk {
 
   async #record(): Promise<void> {
     try {
-      const { Recording } = await import('./recording.js'), style = getComputedStyle(this.#main);
-      const recording = (this.#recording = new Recording(this.view.canvas, [style.getPropertyValue('--wall-top'), style.getPropertyValue('--wall-bottom')]));
+      const recording = (this.#recording = new (await import('./recording.js')).Recording(this.view.canvas));
       if (!this.#isRecording) recording.stop();
       this.say('recording; K ends it');
       this.#keep('film', await recording.film);

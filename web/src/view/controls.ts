@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { Pixel } from './camera.js';
+import { pick } from './pick.js';
 import type { View } from './view.js';
 
 const KEY_PX = 24, WHEEL_PX = 100, LINE_PX = 33, PINCHED_WHEEL = 8, STEP = 1.15;
@@ -38,7 +39,7 @@ export class Controls {
       view.invalidate();
     }, { signal, passive: false });
     canvas.addEventListener('dblclick', (event) => {
-      const hit = view.pick(this.#pixel(event));
+      const hit = pick(view.pickable, camera, this.#pixel(event));
       if (hit) camera.lookAt(hit.at);
       view.invalidate();
     }, { signal });

@@ -32,7 +32,7 @@ export interface Hit {
   weights: Vec3;
 }
 
-/** The nearest point under a pixel. */
+/** The nearest point under a pixel of the camera's canvas, scene units. */
 export function pick(surfaces: readonly Pickable[], camera: Camera, pixel: Pixel): Hit | undefined {
   const from = camera.position, along = camera.directionThrough(pixel);
   let nearest = Infinity, hit: Hit | undefined;

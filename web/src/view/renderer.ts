@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 import {
-  kFinishFragment, kLighting, kLineFragment, kMeshFragment, kMeshPaint, kMeshVertex, kPaint, kScreenVertex, kSplatFragment, kSplatVertex,
+  kLighting, kLineFragment, kMeshFragment, kMeshPaint, kMeshVertex, kPaint, kSplatFragment, kSplatVertex,
 } from '../../../view/shaders.h';
 import type { Rebuilt } from '../client/protocol.js';
 import { FIELD_OF_VIEW, type Camera } from './camera.js';
@@ -11,9 +11,6 @@ import { product } from './matrix.js';
 import type { Style } from './style.js';
 import { Surroundings } from './surroundings.js';
 import { Target, type Tile } from './target.js';
-
-/** Depth shading of clouds without discs. */
-const DOME = 90;
 
 /** Corners of one vertex have several UVs at seams, where the core gives several vertices. */
 const TEXTURED_VERTEX = kMeshVertex.replace('void main(){', `layout(location=${UV})in vec2 vertex_uv;out vec2 uv;void main(){uv=vertex_uv;`);
@@ -29,10 +26,11 @@ export class Renderer {
   readonly #textured: Program;
   readonly #line: Program;
   readonly #splat: Program;
-  readonly #finish: Program;
-  readonly #none: WebGLVertexArrayObject;
   readonly #table: WebGLTexture;
   #isWarm = false;
+  #finish: Promise<void> | import('./cloud_finish.js').CloudFinish | undefined;
+  /** What was drawn without something can be drawn with it now. */
+  onLoaded: () => void = () => {};
 
   constructor(gl: GL) {
     this.#gl = gl;
@@ -41,12 +39,10 @@ export class Renderer {
     this.#textured = new Program(gl, 'textured mesh', TEXTURED_VERTEX, paint + IMAGE_PAINT + kMeshFragment);
     this.#line = new Program(gl, 'line', kMeshVertex, kLineFragment);
     this.#splat = new Program(gl, 'splat', kSplatVertex, paint + kSplatFragment);
-    this.#finish = new Program(gl, 'finish', kScreenVertex, kFinishFragment);
     this.#target = new Target(gl);
     this.#lighting = new Lighting(gl);
     this.#surroundings = new Surroundings(gl);
     this.#mesh.start();  // Of what nearly every picture shows.
-    this.#none = gl.createVertexArray();
     this.#table = gl.createTexture();
     this.useTable(new Uint8Array(4));
     setFilter(gl, gl.LINEAR);
@@ -149,18 +145,12 @@ export class Renderer {
   }
 
   #finishCloud(camera: Camera, tile: Tile): void {
-    const gl = this.#gl;
-    gl.disable(gl.DEPTH_TEST);
-    // The shader gives straight colours.
-    gl.enable(gl.BLEND);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ZERO, gl.ONE, gl.ZERO);
-    this.#target.resolve(tile);
-    this.#finish.use().set({ picture: 0, depth: 1, dome: DOME, near_far: camera.nearFar });
-    bindTexture(gl, 0, this.#target.colour);
-    bindTexture(gl, 1, this.#target.depth);
-    gl.bindVertexArray(this.#none);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-    gl.disable(gl.BLEND);
-    bindTexture(gl, 1, this.#table);
+    this.#finish ??= import('./cloud_finish.js').then(({ CloudFinish }) => {
+      this.#finish = new CloudFinish(this.#gl, { Program, bindTexture, setFilter });
+      this.onLoaded();
+    });
+    if (this.#finish instanceof Promise) return this.#target.present(tile);
+    this.#finish.draw(this.#target, camera, tile);
+    bindTexture(this.#gl, 1, this.#table);
   }
 }

@@ -60,7 +60,7 @@ export class Stage {
     this.#canvas = canvas;
     this.#gl = gl;
     this.#rate = picturesPerSecond;
-    this.#renderer = renderer;
+    this.#use(renderer);
     this.#seen = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) for (const view of this.#views) if (view.canvas === target) view.isInSight = isIntersecting;
     });
@@ -69,7 +69,7 @@ export class Stage {
       this.#renderer = this.#fence = undefined;
     });
     canvas.addEventListener('webglcontextrestored', () => {
-      this.#renderer = new Renderer(gl);
+      this.#use(new Renderer(gl));
       for (const view of this.#views) view.forgetSurface();
     });
     document.addEventListener('visibilitychange', this.#onVisibility);
@@ -93,6 +93,10 @@ export class Stage {
     this.#gl.getExtension('WEBGL_lose_context')?.loseContext();
   }
 
+  #use(renderer: Renderer): void {
+    this.#renderer = renderer;
+    renderer.onLoaded = () => this.#views.forEach((view) => view.invalidate());
+  }
   /** Nothing while the context is lost. */
   get renderer(): Renderer | undefined {
     return this.#renderer;

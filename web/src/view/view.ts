@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 import type { Stream } from '../client/client.js';
 import type { LevelObject } from '../core/levels.js';
-import { Camera, type Pixel } from './camera.js';
+import { Camera } from './camera.js';
 import { GlSurface } from './gl_surface.js';
 import { LiveSurface, type Drawn } from './live_surface.js';
 import { moved, type Vec3 } from './matrix.js';
 import type { Legend, NumberPainter } from './numbers.js';
-import { pick, type Hit } from './pick.js';
+import type { Pickable } from './pick.js';
 import type { Renderer } from './renderer.js';
 import type { Picture, Stage } from './stage.js';
 import { isOfNumbers, STYLE, type Colouring, type ColourMap, type Style } from './style.js';
@@ -125,12 +125,12 @@ export class View {
     this.#pause();
   }
 
-  /** The point of the surface under a pixel of the canvas, scene units. */
-  pick(pixel: Pixel): Hit | undefined {
+  /** What pick() finds points of, by `camera`. */
+  get pickable(): Pickable[] {
     const rebuilt = this.live.drawn?.rebuilt, gl = this.#gl;
-    if (!rebuilt || !gl) return undefined;
+    if (!rebuilt || !gl) return [];
     const { sceneFromSurface, triangles, spacing } = gl;
-    return pick([{ positions: rebuilt.positions, triangles, sceneFromSurface, radius: 1.2 * spacing }], this.camera, pixel);
+    return [{ positions: rebuilt.positions, triangles, sceneFromSurface, radius: 1.2 * spacing }];
   }
   /** What is to be seen now as a PNG, with or without what is behind. */
   picture(wall: boolean): Promise<Blob | null> {
@@ -207,11 +207,7 @@ export class View {
   }
   /** What cannot be decoded leaves the surface as it is. */
   async #decode(image: Uint8Array): Promise<void> {
-    const options: ImageBitmapOptions = { colorSpaceConversion: 'none', premultiplyAlpha: 'none' }, gl = this.#stage.gl;
-    let bitmap = await createImageBitmap(new Blob([image as BufferSource], { type: image[0] === 0x89 ? 'image/png' : 'image/jpeg' }), options).catch(() => undefined);
-    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    while (bitmap && Math.max(bitmap.width, bitmap.height) > most)
-      bitmap = await createImageBitmap(bitmap, { ...options, resizeWidth: Math.ceil(bitmap.width / 2), resizeHeight: Math.ceil(bitmap.height / 2) });
+    const { decoded } = await import('./image.js'), { gl } = this.#stage, bitmap = await decoded(image, gl.getParameter(gl.MAX_TEXTURE_SIZE) as number);
     this.#image = bitmap;
     if (!bitmap) return;
     this.#gl?.texture(bitmap);
