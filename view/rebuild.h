@@ -10,8 +10,8 @@
 #include "common/asset/asset.h"
 #include "common/core/clock.h"
 #include "common/core/text.h"
+#include "common/reconstruction/level_morph.h"
 #include "common/reconstruction/reconstruct.h"
-#include "view/level_morph.h"
 
 namespace eigencast {
 

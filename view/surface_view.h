@@ -17,9 +17,9 @@
 #include "common/core/clock.h"
 #include "common/motion/coefficients.h"
 #include "common/motion/playout.h"
+#include "common/reconstruction/level_morph.h"
 #include "common/reconstruction/level_triangles.h"
 #include "common/reconstruction/reconstruct.h"
-#include "view/level_morph.h"
 #include "view/pose_source.h"
 #include "view/rebuild.h"
 

@@ -5,8 +5,8 @@
 #include <atomic>
 #include <utility>
 
+#include "common/reconstruction/level_morph.h"
 #include "common/reconstruction/level_triangles.h"
-#include "view/level_morph.h"
 #include "view/rebuild.h"
 
 namespace eigencast {

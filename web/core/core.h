@@ -186,6 +186,8 @@ typedef struct {
   uint32_t triangles_version; /* grows when triangles, radii or uvs change */
   uint32_t level;             /* of the surface's vertices; where an image has seams more are drawn */
   const float* uvs;           /* vertices x 2; below -1e30: not in the image. Null: not textured */
+  const uint32_t* origins;    /* vertices, where it is textured: which of the surface's each one is; otherwise null */
+  uint32_t is_moving;         /* 1: between levels, so that the same pose will look otherwise */
 } core_geometry;
 
 core_surface* CORE(surface_make)(void);
@@ -195,10 +197,13 @@ int32_t CORE(surface_update)(core_surface* surface, const core_asset* asset);
 /* The asset as of the last surface_update.
    coefficients  rank x channels; rank_used: the first so many rows of them count, 0: all
    level         vertices; clamped to base_count and what has arrived
-   is_textured   with UVs, where the surface has an image */
+   is_textured   with UVs, where the surface has an image
+   px_per_unit   pixels of the screen for a unit of a mesh: vertices come and go at a pace, at `level` once they have
+                 (common/reconstruction/level_morph); 0: at once
+   now_us        of the caller's clock */
 const core_geometry* CORE(surface_rebuild)(core_surface* surface, const core_asset* asset, const double* coefficients,
                                            uint32_t count, uint32_t channels, uint32_t rank_used, uint32_t level,
-                                           uint32_t is_textured);
+                                           uint32_t is_textured, double px_per_unit, int64_t now_us);
 
 typedef struct {
   const float* values; /* of each of the geometry's `level` vertices */
@@ -216,7 +221,7 @@ const core_numbers* CORE(surface_numbers)(core_surface* surface, const core_asse
 const float* CORE(surface_points)(core_surface* surface, const core_asset* asset, const double* coefficients,
                                   uint32_t count, uint32_t channels, const uint32_t* vertices, uint32_t points);
 
-/* ---- Levels: how many vertices each surface and pixels all get, so that pictures are in time (common/levels) ---- */
+/* ---- Levels: how many vertices surfaces get, and how pictures are drawn, to be in time (common/levels) ---- */
 
 typedef struct core_levels core_levels;
 
@@ -235,8 +240,11 @@ const uint32_t* CORE(levels_resolve)(core_levels* levels, const core_object* obj
                                      double seconds);
 /* The planned work of the last picture, as a part of its time. */
 double CORE(levels_state)(const core_levels* levels);
-/* The part of its pixels that the next picture has along each side: 1 down to 0.5. */
+/* Of the next picture: the part of its pixels along each side, 1 down to 0.5; 0: several samples a pixel, 1: one;
+   0: the whole shadow, 1: of half the texels. */
 double CORE(levels_resolution)(const core_levels* levels);
+uint32_t CORE(levels_samples)(const core_levels* levels);
+uint32_t CORE(levels_shadow)(const core_levels* levels);
 
 #ifdef __cplusplus
 }

@@ -18,6 +18,8 @@ struct core_levels {
 
 namespace {
 
+enum Knob : std::size_t { kResolution, kSamples, kShadow, kKnobs };
+
 constexpr std::uint32_t kMaxObjects = 4096;
 
 bool is_usable(const core_object& object) {
@@ -30,12 +32,16 @@ bool is_usable(const core_object& object) {
 core_levels* levels_make(double pictures_per_second, double deadline) {
   if (!(pictures_per_second >= 1 && pictures_per_second <= 1000 && deadline > 0 && deadline <= 10))
     return web::no(fail(ErrorCode::kInvalidArgument, "a rate is 1 to 1000 pictures a second, a deadline up to 10"));
-  // Other machines than those at hand: what pixels save shows by giving them up.
-  constexpr double kError = 0.25, kSaved = 0.5;
-  QualityControl::Settings settings{{}, {resolution_knob(kError, kSaved)}, kOfHalfTheVertices * kError, false};
+  // Errors as in client/level_control.cpp. On other machines than those at hand what is saved shows by giving it up.
+  constexpr double kError = 0.25;
+  std::vector<QualityKnob> knobs(kKnobs);
+  knobs[kResolution] = resolution_knob(kError, 0.5);
+  knobs[kSamples] = {0.1, 0.35, {{0, 0}, {1, 1}}};
+  knobs[kShadow] = {0.53, 0.25, {{0, 0}, {1, 1}}};  // Never none, without which surfaces float.
+  QualityControl::Settings settings{{}, knobs, kOfHalfTheVertices * kError, false};
   settings.budget.f0 = pictures_per_second;
   settings.budget.deadline = deadline;
-  return new core_levels{QualityControl(settings), {}, {{0}, {}}};
+  return new core_levels{QualityControl(settings), {}, {std::vector<std::size_t>(kKnobs), {}}};
 }
 
 void levels_free(core_levels* levels) {
@@ -60,5 +66,13 @@ double levels_state(const core_levels* levels) {
 }
 
 double levels_resolution(const core_levels* levels) {
-  return double{kResolutions[levels->chosen.steps[0]]};
+  return double{kResolutions[levels->chosen.steps[kResolution]]};
+}
+
+uint32_t levels_samples(const core_levels* levels) {
+  return static_cast<uint32_t>(levels->chosen.steps[kSamples]);
+}
+
+uint32_t levels_shadow(const core_levels* levels) {
+  return static_cast<uint32_t>(levels->chosen.steps[kShadow]);
 }

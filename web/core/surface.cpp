@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <utility>
 #include <vector>
 
+#include "common/reconstruction/level_morph.h"
 #include "common/reconstruction/level_triangles.h"
 #include "common/reconstruction/numbers.h"
 #include "common/reconstruction/reconstruct.h"
@@ -17,13 +19,14 @@ struct core_surface {
   std::uint64_t asset = 0;  ///< The number of the one that it follows.
   Reconstructor reconstructor;
   LevelTriangles levels;
+  LevelMorph morph;
   std::vector<std::uint32_t> triangles;
   std::vector<float> positions, normals, radii;
   /// Where the image has seams a vertex is drawn once for each of its wedges.
   struct {
     bool are_drawn = false;
     std::uint32_t version = 0;  ///< Of the triangles that they follow.
-    std::vector<std::uint32_t> triangles;
+    std::vector<std::uint32_t> triangles, origins;
     std::vector<float> positions, normals, uvs;
   } wedges;
   core_geometry geometry{};
@@ -37,7 +40,8 @@ struct core_surface {
     radii.clear();
   }
   void set_level(const Asset& from, std::uint32_t N);
-  void make_normals(const Asset& from);
+  void advance(const Asset& from, std::uint32_t N, double px_per_unit, TimeUs now_us);
+  void finish(const Asset& from, const LevelMorph& level);
   void make_wedges(const AssetTexture& texture, std::uint32_t N);
 };
 
@@ -51,11 +55,24 @@ void core_surface::set_level(const Asset& from, std::uint32_t N) {
   ++geometry.triangles_version;
 }
 
-/// Those of detail come with the positions.
-void core_surface::make_normals(const Asset& from) {
-  if (reconstructor.has_detail()) return normalise(normals);
-  if (from.is_point_cloud()) return splat_normals(from, positions, normals);
-  vertex_normals(positions, triangles, normals);
+void core_surface::advance(const Asset& from, std::uint32_t N, double px_per_unit, TimeUs now_us) {
+  if (morph.drawn() > reconstructor.tiles().rows() || morph.whole() < from.base_count)
+    morph.jump(N);  // Another asset's.
+  const std::uint32_t coarsest = std::max(1U, std::min(N, morph.whole()));
+  morph.advance(N, now_us, from.area > 0 ? MorphPace::of(px_per_unit * std::sqrt(from.area / coarsest)) : MorphPace());
+}
+
+/// Normals, of detail as they came with the positions, and both between levels: view/rebuild.cpp.
+void core_surface::finish(const Asset& from, const LevelMorph& level) {
+  const bool has_detail = reconstructor.has_detail(), are_of_faces = !has_detail && !from.is_point_cloud();
+  if (has_detail) level.blend(from.map, normals);
+  if (!are_of_faces && !has_detail) return splat_normals(from, positions, normals);
+  level.blend(from.map, positions);
+  if (are_of_faces) {
+    area_normals(positions, triangles, normals);
+    level.share(from.map, normals);
+  }
+  normalise(normals);
 }
 
 void core_surface::make_wedges(const AssetTexture& texture, std::uint32_t N) {
@@ -67,6 +84,10 @@ void core_surface::make_wedges(const AssetTexture& texture, std::uint32_t N) {
       while (wedge >= end) wedge = texture.parent[wedge];
       wedges.triangles[i] = wedge;
     }
+    wedges.origins.resize(end);
+    for (std::uint32_t v = 0, w = 0; v < N; ++v) {
+      for (; w < texture.first_wedge[v + 1]; ++w) wedges.origins[w] = v;
+    }
     wedges.uvs.assign(std::size_t{2} * end, -std::numeric_limits<float>::max());
     for (std::uint32_t w = 0; w < end; ++w) {
       if (texture.uvs[w] == AssetTexture::kNone) continue;
@@ -76,11 +97,9 @@ void core_surface::make_wedges(const AssetTexture& texture, std::uint32_t N) {
   }
   wedges.positions.resize(std::size_t{3} * end);
   wedges.normals.resize(std::size_t{3} * end);
-  for (std::size_t v = 0, w = 0; v < N; ++v) {
-    for (; w < texture.first_wedge[v + 1]; ++w) {
-      std::copy_n(&positions[3 * v], 3, &wedges.positions[3 * w]);
-      std::copy_n(&normals[3 * v], 3, &wedges.normals[3 * w]);
-    }
+  for (std::size_t w = 0; w < end; ++w) {
+    std::copy_n(&positions[std::size_t{3} * wedges.origins[w]], 3, &wedges.positions[3 * w]);
+    std::copy_n(&normals[std::size_t{3} * wedges.origins[w]], 3, &wedges.normals[3 * w]);
   }
 }
 
@@ -109,21 +128,26 @@ int32_t surface_update(core_surface* surface, const core_asset* asset) {
 
 const core_geometry* surface_rebuild(core_surface* surface, const core_asset* asset, const double* coefficients,
                                      uint32_t count, uint32_t channels, uint32_t rank_used, uint32_t level,
-                                     uint32_t is_textured) {
+                                     uint32_t is_textured, double px_per_unit, int64_t now_us) {
   const Asset& from = asset->reader.asset();
   const std::uint32_t ready = surface->reconstructor.tiles().rows();
   if (surface->asset != asset->number || ready < from.base_count || ready == 0)
     return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or none"));
   if (channels < 3 || count != std::uint64_t{from.rank} * channels)
     return web::no(fail(ErrorCode::kInvalidArgument, "the pose has another size than the surface"));
-  const std::uint32_t N = std::clamp(level, from.base_count, ready);
+  const bool morphs = px_per_unit > 0 && !from.is_point_cloud();
+  LevelMorph at_once;
+  at_once.jump(std::clamp(level, from.base_count, ready));
+  if (morphs) surface->advance(from, at_once.drawn(), px_per_unit, now_us);
+  const LevelMorph& drawn = morphs ? surface->morph : at_once;
+  const std::uint32_t N = drawn.drawn();
   surface->set_level(from, N);
   surface->positions.resize(std::size_t{3} * N);
   surface->normals.resize(surface->positions.size());
   PoseToRebuild pose{{coefficients, count}, channels, surface->positions, {}};
   if (surface->reconstructor.has_detail()) pose.normals = surface->normals;
   surface->reconstructor.rebuild({&pose, 1}, rank_used == 0 ? from.rank : std::min(rank_used, from.rank), N);
-  surface->make_normals(from);
+  surface->finish(from, drawn);
   core_geometry& geometry = surface->geometry;
   const AssetTexture* texture = is_textured != 0 ? from.texture.get() : nullptr;
   const bool had_wedges = std::exchange(surface->wedges.are_drawn, texture != nullptr);
@@ -136,13 +160,16 @@ const core_geometry* surface_rebuild(core_surface* surface, const core_asset* as
   geometry.vertices = N;
   geometry.indices = static_cast<std::uint32_t>(surface->triangles.size());
   geometry.level = N;
+  geometry.is_moving = drawn.moving().empty() ? 0 : 1;
   geometry.uvs = nullptr;
+  geometry.origins = nullptr;
   if (texture == nullptr) return &geometry;
   surface->make_wedges(*texture, N);
   geometry.positions = surface->wedges.positions.data();
   geometry.normals = surface->wedges.normals.data();
   geometry.triangles = surface->wedges.triangles.data();
   geometry.uvs = surface->wedges.uvs.data();
+  geometry.origins = surface->wedges.origins.data();
   geometry.vertices = texture->first_wedge[N];
   geometry.indices = static_cast<std::uint32_t>(surface->wedges.triangles.size());
   return &geometry;

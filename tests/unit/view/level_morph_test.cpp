@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "view/level_morph.h"
+#include "common/reconstruction/level_morph.h"
 
 #include <epoxy/gl.h>
 #include <gtest/gtest.h>

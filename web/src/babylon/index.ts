@@ -44,6 +44,7 @@ export class EigencastSurface extends Events<EigencastSurfaceEvents> {
   readonly #advance: () => void;
   #vertices = 0;
   #coloured: Uint8Array | undefined;
+  #origins: Uint32Array | undefined;
   #image = '';
 
   constructor(mesh: BabylonMesh, url: string, options: FeedOptions = {}) {
@@ -99,14 +100,11 @@ export class EigencastSurface extends Events<EigencastSurfaceEvents> {
       set('uv', rebuilt.uvs?.map((part) => (part < -1e30 ? 0 : part)));
       mesh.setIndices(rebuilt.triangles, rebuilt.vertices);
     }
-    // A row of colours goes with each vertex, unless seams of an image have more.
-    const colours = rebuilt.uvs || (surface.colours?.length ?? 0) < 3 * rebuilt.vertices ? undefined : surface.colours;
-    if (rebuilt.triangles || colours !== this.#coloured) set('color', colours && rgbaFrom(colours, rebuilt.vertices));
+    if (rebuilt.triangles) this.#origins = rebuilt.origins;
+    const colours = (surface.colours?.length ?? 0) < 3 * rebuilt.level ? undefined : surface.colours, origins = this.#origins;
+    if (rebuilt.triangles || colours !== this.#coloured)
+      set('color', colours && Float32Array.from({ length: 4 * rebuilt.vertices }, (_, i) => (i % 4 === 3 ? 1 : colours[3 * (origins ? origins[i >> 2]! : i >> 2) + (i % 4)]! / 255)));
     this.#coloured = colours;
     if (rebuilt.triangles) this.emit('surface', surface);
   }
-}
-
-function rgbaFrom(colours: Uint8Array, vertices: number): Float32Array {
-  return Float32Array.from({ length: 4 * vertices }, (_, i) => (i % 4 === 3 ? 1 : colours[3 * (i >> 2) + (i % 4)]! / 255));
 }

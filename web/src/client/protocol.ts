@@ -21,6 +21,8 @@ export interface Rebuild {
   isTextured?: boolean;
   /** Vertices by their numbers in the source, whose places come with the answer. */
   points?: Uint32Array | undefined;
+  /** Of the screen: vertices of a mesh come and go at a pace; nothing: at once. */
+  pxPerUnit?: number;
   /** Taken for the result where they are large enough: what comes back goes round. */
   room?: { positions?: ArrayBuffer; normals?: ArrayBuffer };
   /** Of the triangles that the page has; others come with the answer. */
@@ -31,12 +33,18 @@ export interface Rebuilt {
   vertices: number;
   /** The surface's own vertices; where its image has seams more are drawn. */
   level: number;
+  /** Between levels: the same pose will look otherwise. */
+  isMoving: boolean;
   positions: Float32Array;
+  /** Of the positions: three lowest, three highest. */
+  box: number[];
   normals: Float32Array | undefined;
   /** Those of a cloud's discs; as with triangles, nothing where the page has them. */
   radii: Float32Array | undefined;
   /** Likewise: two a vertex, below -1e30 outside the image; nothing: not textured. */
   uvs: Float32Array | undefined;
+  /** With UVs: which of the surface's vertices each one is. */
+  origins: Uint32Array | undefined;
   /** Nothing: those of the version that the page has. */
   triangles: Uint32Array | undefined;
   trianglesVersion: number;

@@ -93,7 +93,7 @@ export class Session {
     try {
       if (!watched) throw new EigencastError('not-found', 'the stream is not watched (yet)');
       const rebuilt = this.#rebuild(watched, rebuild);
-      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.triangles, rebuilt.numbers, rebuilt.points].filter((array) => array !== undefined);
+      const arrays = [rebuilt.positions, rebuilt.normals, rebuilt.radii, rebuilt.uvs, rebuilt.origins, rebuilt.triangles, rebuilt.numbers, rebuilt.points].filter((array) => array !== undefined);
       this.#post({ op: 'rebuilt', key, request, rebuilt }, arrays.map((array) => array.buffer as ArrayBuffer));
     } catch (error) {
       this.#fail(key, error, request);
@@ -104,7 +104,7 @@ export class Session {
     const sources = vertices.map((vertex) => (reader ? this.#core.exports.asset_source(reader.at, vertex, isTextured ? 1 : 0) : 0xffffffff));
     this.#post({ op: 'sources', key, request, sources }, [sources.buffer]);
   }
-  #rebuild(watched: Watched, { coefficients, channels, level, rank, numbers, isTextured, points, room, trianglesVersion }: Rebuild): Rebuilt {
+  #rebuild(watched: Watched, { coefficients, channels, level, rank, numbers, isTextured, pxPerUnit, points, room, trianglesVersion }: Rebuild): Rebuilt {
     const shown = watched.subscription.surfaces.shown;
     if (!shown?.reader) throw new EigencastError('not-found', 'nothing of the surface has arrived yet');
     const started = this.#environment.nowUs();
@@ -113,7 +113,7 @@ export class Session {
       watched.surface.update(shown.reader);
       watched.taken = taken;
     }
-    const made = watched.surface.rebuild(shown.reader, coefficients, channels, level, rank, isTextured);
+    const made = watched.surface.rebuild(shown.reader, coefficients, channels, level, rank, isTextured, pxPerUnit, started);
     const isKnown = made.trianglesVersion === trianglesVersion;
     const copied = (values: Float32Array, buffer?: ArrayBuffer): Float32Array => {
       const to = buffer && buffer.byteLength >= values.byteLength ? new Float32Array(buffer, 0, values.length) : new Float32Array(values.length);
@@ -124,10 +124,13 @@ export class Session {
       epoch: shown.info!.epoch,
       vertices: made.vertices,
       level: made.level,
+      isMoving: made.isMoving,
       positions: copied(made.positions, room?.positions),
+      box: boxOf(made.positions),
       normals: made.normals && copied(made.normals, room?.normals),
       radii: isKnown ? undefined : made.radii?.slice(),
       uvs: isKnown ? undefined : made.uvs?.slice(),
+      origins: isKnown ? undefined : made.origins?.slice(),
       triangles: isKnown ? undefined : made.triangles.slice(),
       trianglesVersion: made.trianglesVersion,
     };
@@ -140,4 +143,16 @@ export class Session {
     const code = error instanceof EigencastError ? error.code : 'internal';
     this.#post({ op: 'failed', key, code, message: (error as Error).message, ...(request === undefined ? {} : { request }) }, []);
   }
+}
+
+function boxOf(positions: Float32Array): number[] {
+  const box = [Infinity, Infinity, Infinity, -Infinity, -Infinity, -Infinity];
+  for (let i = 0; i < positions.length; i += 3) {
+    for (let axis = 0; axis < 3; ++axis) {
+      const at = positions[i + axis]!;
+      if (at < box[axis]!) box[axis] = at;
+      if (at > box[axis + 3]!) box[axis + 3] = at;
+    }
+  }
+  return box;
 }

@@ -37,7 +37,7 @@ export interface Exports {
   surface_make(): number;
   surface_free(surface: number): void;
   surface_update(surface: number, asset: number): number;
-  surface_rebuild(surface: number, asset: number, coefficients: number, count: number, channels: number, rank: number, level: number, isTextured: number): number;
+  surface_rebuild(surface: number, asset: number, coefficients: number, count: number, channels: number, rank: number, level: number, isTextured: number, pxPerUnit: number, nowUs: bigint): number;
   surface_points(surface: number, asset: number, coefficients: number, count: number, channels: number, vertices: number, points: number): number;
   asset_source(asset: number, vertex: number, isTextured: number): number;
   surface_numbers(surface: number, asset: number, coefficients: number, count: number, isLength: number): number;

@@ -14,9 +14,13 @@ export interface Geometry {
   triangles: Uint32Array;
   /** Two a vertex, of the surface's image; below -1e30: outside. Nothing: not textured. */
   uvs: Float32Array | undefined;
+  /** With UVs: which of the surface's vertices each one is. */
+  origins: Uint32Array | undefined;
   vertices: number;
   /** The surface's own vertices; where its image has seams more are drawn. */
   level: number;
+  /** Between levels: the same pose will look otherwise. */
+  isMoving: boolean;
   /** Grows when triangles, radii or uvs change. */
   trianglesVersion: number;
 }
@@ -47,14 +51,14 @@ export class Surface {
   update(asset: AssetReader): void {
     this.#core.checked(this.#core.exports.surface_update(this.#at, asset.at));
   }
-  /** coefficients: rank x channels. level: vertices, clamped to what there is. rank: rows that count; 0: all. */
-  rebuild(asset: AssetReader, coefficients: ArrayLike<number>, channels: number, level = Infinity, rank = 0, isTextured = false): Geometry {
+  /** coefficients: rank x channels. level: vertices, clamped to what there is. rank: rows that count; 0: all. pxPerUnit, nowUs: core.h. */
+  rebuild(asset: AssetReader, coefficients: ArrayLike<number>, channels: number, level = Infinity, rank = 0, isTextured = false, pxPerUnit = 0, nowUs = 0): Geometry {
     const core = this.#core;
     const given = core.givenDoubles(coefficients);
     const at = core.found(core.exports.surface_rebuild(
-      this.#at, asset.at, given, coefficients.length, channels, rank, Math.min(level, 0xffffffff), isTextured ? 1 : 0));
-    const [positions = 0, normals = 0, radii = 0, triangles = 0, vertices = 0, indices = 0, version = 0, drawnLevel = 0, uvs = 0] =
-      core.words(at, 9);
+      this.#at, asset.at, given, coefficients.length, channels, rank, Math.min(level, 0xffffffff), isTextured ? 1 : 0, pxPerUnit, BigInt(Math.round(nowUs))));
+    const [positions = 0, normals = 0, radii = 0, triangles = 0, vertices = 0, indices = 0, version = 0, drawnLevel = 0, uvs = 0, origins = 0, isMoving = 0] =
+      core.words(at, 11);
     this.#level = drawnLevel;
     return {
       positions: core.floats(positions, 3 * vertices),
@@ -62,8 +66,10 @@ export class Surface {
       radii: radii === 0 ? undefined : core.floats(radii, vertices),
       triangles: indices === 0 ? new Uint32Array() : core.words(triangles, indices),
       uvs: uvs === 0 ? undefined : core.floats(uvs, 2 * vertices),
+      origins: origins === 0 ? undefined : core.words(origins, vertices),
       vertices,
       level: drawnLevel,
+      isMoving: isMoving !== 0,
       trianglesVersion: version,
     };
   }

@@ -5,10 +5,11 @@ import {
   type Intersection, type Material, type Object3DEventMap, type Raycaster,
 } from 'three';
 import { boundsOf, Feed, type FeedOptions } from '../adapter/feed.js';
-import { imageOf, linearFrom } from '../adapter/paint.js';
+import { imageOf } from '../adapter/paint.js';
 import type { Stream } from '../client/client.js';
 import type { Status, Surface } from '../client/subscription.js';
 import type { EigencastError } from '../core/module.js';
+import { linearFrom } from '../core/colours.js';
 import type { Drawn } from '../view/live_surface.js';
 
 export interface EigencastMeshOptions extends FeedOptions {
@@ -65,6 +66,7 @@ export class EigencastMesh extends Mesh<BufferGeometry, Material, EigencastMeshE
   readonly #feed: Feed;
   readonly #own: MeshStandardMaterial | undefined;
   #colours: Uint8Array | undefined;
+  #origins: Uint32Array | undefined;
   #isCloud = false;
   #isDisposed = false;
 
@@ -144,9 +146,9 @@ export class EigencastMesh extends Mesh<BufferGeometry, Material, EigencastMeshE
       else geometry.setIndex(new BufferAttribute(rebuilt.triangles, 1));
       this.#set('uv', rebuilt.uvs?.map((part) => (part < -1e30 ? 0 : part)), 2);
     }
-    // A row of colours goes with each vertex, unless seams of an image have more.
-    const colours = rebuilt.uvs || (surface.colours?.length ?? 0) < 3 * rebuilt.vertices ? undefined : surface.colours;
-    if (rebuilt.triangles || colours !== this.#colours) this.#set('color', colours && linearFrom(colours.subarray(0, 3 * rebuilt.vertices)), 3);
+    if (rebuilt.triangles) this.#origins = rebuilt.origins;
+    const colours = (surface.colours?.length ?? 0) < 3 * rebuilt.level ? undefined : surface.colours;
+    if (rebuilt.triangles || colours !== this.#colours) this.#set('color', colours && linearFrom(colours.subarray(0, 3 * rebuilt.level), this.#origins), 3);
     this.#colours = colours;
     if (isCloud) (geometry as InstancedBufferGeometry).instanceCount = rebuilt.vertices;
     const { low, high, centre, radius } = boundsOf(rebuilt.positions, isCloud ? 2 * spacing : 0);

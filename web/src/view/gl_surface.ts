@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 import type { Rebuilt } from '../client/protocol.js';
+import { linearFrom } from '../core/colours.js';
 import { bindTexture, type GL, type Program } from './gl.js';
-import { determinant, IDENTITY, normalMatrix, type Mat4 } from './matrix.js';
+import { determinant, IDENTITY, moved, normalMatrix, type Mat4, type Vec3 } from './matrix.js';
 
 /** Numbers of kMeshVertex and kSplatVertex. */
 const POSITION = 0, NORMAL = 1, PAINT = 2, RADIUS = 3;
@@ -26,13 +27,16 @@ export class GlSurface {
   #vertices = 0;
   #indices: Uint32Array = new Uint32Array();
   #edgesAreThere = false;
-  #painted = 0;
+  #colours: Uint8Array | undefined;
+  #origins: Uint32Array | undefined;
+  #level = 0;
   #hasNumbers = false;
   #image: WebGLTexture | undefined;
   #hasUvs = false;
   #sceneFromSurface: Mat4 = IDENTITY;
   #scale = 1;
   #spacing = 0;
+  #box: readonly number[] = [];
   isCloud = false;
   hasDiscs = false;
   /** A mode of kPaint. */
@@ -61,18 +65,21 @@ export class GlSurface {
     const gl = this.#gl;
     gl.bindVertexArray(this.#array);
     this.#vertices = rebuilt.vertices;
+    this.#box = rebuilt.box;
+    this.#level = rebuilt.level;
     this.#spacing = Math.sqrt(area / Math.max(rebuilt.level, 1));
     this.isCloud = isCloud;
     this.#set(POSITION, rebuilt.positions, 3);
     this.#set(NORMAL, rebuilt.normals, 3);
     if (rebuilt.numbers) this.#set(PAINT, rebuilt.numbers, 1, NUMBERS_BUFFER);
-    else if (this.#hasNumbers) this.#point(PAINT, this.#painted > 0, 3);
+    else if (this.#hasNumbers) this.#point(PAINT, this.#colours !== undefined, 3);
     this.#hasNumbers = rebuilt.numbers !== undefined;
     if (!rebuilt.triangles) return;
     this.hasDiscs = rebuilt.radii !== undefined;
     this.#set(RADIUS, rebuilt.radii, 1);
     this.#hasUvs = rebuilt.uvs !== undefined;
     this.#set(UV, rebuilt.uvs, 2);
+    if (this.#origins !== rebuilt.origins) this.#paint(rebuilt.origins);
     this.#indices = rebuilt.triangles;
     this.#edgesAreThere = false;
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#triangles);
@@ -81,9 +88,8 @@ export class GlSurface {
   /** rows x 3, sRGB; nothing: it has none. */
   colour(colours: Uint8Array | undefined): void {
     this.#gl.bindVertexArray(this.#array);
-    this.#painted = (colours?.length ?? 0) / 3;
-    this.#set(PAINT, colours && Float32Array.from(colours, (part) => LINEAR[part]!), 3);
-    if (this.#hasNumbers) this.#point(PAINT, true, 1, NUMBERS_BUFFER);
+    this.#colours = colours;
+    this.#paint(this.#origins);
   }
   /** Its texture, at most as large as the GPU takes. */
   texture(image: ImageBitmap): void {
@@ -117,6 +123,10 @@ export class GlSurface {
   get sceneFromSurface(): Mat4 {
     return this.#sceneFromSurface;
   }
+  /** Of the box of what is drawn, scene units. */
+  get corners(): Vec3[] {
+    return Array.from({ length: 8 }, (_, i) => moved(this.#sceneFromSurface, [this.#box[i & 1 ? 3 : 0]!, this.#box[i & 2 ? 4 : 1]!, this.#box[i & 4 ? 5 : 2]!]));
+  }
   /** Three indices a triangle. */
   get triangles(): Uint32Array {
     return this.#indices;
@@ -130,11 +140,12 @@ export class GlSurface {
     return this.#spacing * this.#scale;
   }
 
-  /** Sets the program's transform and binds the arrays, and the image. */
+  /** Sets the program's transform and binds the arrays, and the image, which is multiplied with its colours. */
   bind(program: Program, withImage = false): void {
-    const hasColours = withImage || (!this.#hasUvs && this.#painted >= this.#vertices);
-    const isThere = this.paint === NUMBERS ? this.#hasNumbers : this.paint !== PAINTS.own || hasColours;
+    const isPainted = (this.#colours?.length ?? 0) >= 3 * this.#level;
+    const isThere = this.paint === NUMBERS ? this.#hasNumbers : this.paint !== PAINTS.own || withImage || isPainted;
     program.set({
+      times_painted: isPainted ? 1 : 0,
       paint: isThere ? this.paint : PAINTS.clay!, colour_range: this.range, colourfulness: this.colourfulness, scene_from_surface: this.#sceneFromSurface, scene_from_normal: normalMatrix(this.#sceneFromSurface),
     });
     if (withImage && this.#image) {
@@ -165,6 +176,11 @@ export class GlSurface {
     this.#gl.drawArrays(this.#gl.POINTS, 0, this.#vertices);
   }
 
+  #paint(origins: Uint32Array | undefined): void {
+    this.#origins = origins;
+    this.#set(PAINT, this.#colours && linearFrom(this.#colours, origins), 3);
+    if (this.#hasNumbers) this.#point(PAINT, true, 1, NUMBERS_BUFFER);
+  }
   #draw(what: number, indices: WebGLBuffer, count: number): void {
     this.#gl.bindBuffer(this.#gl.ELEMENT_ARRAY_BUFFER, indices);
     this.#gl.drawElements(what, count, this.#gl.UNSIGNED_INT, 0);
@@ -187,9 +203,3 @@ export class GlSurface {
     gl.enableVertexAttribArray(number);
   }
 }
-
-/** Linear light of an sRGB part. */
-const LINEAR = Float32Array.from({ length: 256 }, (_, i) => {
-  const part = i / 255;
-  return part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4;
-});

@@ -141,15 +141,18 @@ export class LiveSurface {
     this.#isStale = true;
   }
 
-  /** Chooses what is to be shown now, of at most `level` vertices, and has it rebuilt where that is something new. */
-  advance(nowUs: number, level: number): void {
+  /**
+   * Chooses what is to be shown now, of at most `level` vertices, and has it rebuilt where that is something new.
+   * pxPerUnit: of the screen, for the pace at which levels change; 0: at once.
+   */
+  advance(nowUs: number, level: number, pxPerUnit = 0): void {
     if (!this.#surface || this.#isInFlight) return;
     const isNew = this.#choose(nowUs);
     const wanted = Math.min(level, this.#surface.facts.rowsReady);
     if (!isNew && !this.#isStale && wanted === this.#level) return;
     this.#level = wanted;
     this.#isStale = false;
-    void this.#rebuild(wanted);
+    void this.#rebuild(wanted, pxPerUnit);
   }
 
   #onPose(pose: Pose): void {
@@ -213,7 +216,7 @@ export class LiveSurface {
     this.#channels = pose.coefficients.length / (this.#surface?.facts.rank ?? 1);
     return true;
   }
-  async #rebuild(level: number): Promise<void> {
+  async #rebuild(level: number, pxPerUnit: number): Promise<void> {
     const coefficients = this.#coefficients!, channels = this.#channels, surface = this.#surface!;
     let used = coefficients.length;
     while (used > 0 && coefficients[used - 1] === 0) --used;
@@ -222,7 +225,7 @@ export class LiveSurface {
     this.#isInFlight = true;
     try {
       const rebuilt = await this.stream.rebuild({
-        coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured, points: this.#points,
+        coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured, pxPerUnit, points: this.#points,
         numbers: painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info, live: this }),
         ...(spare ? { room: { positions: spare.positions.buffer as ArrayBuffer, normals: spare.normals?.buffer as ArrayBuffer } } : {}),
       });
@@ -230,6 +233,7 @@ export class LiveSurface {
       // What the answer leaves out was forgotten meanwhile.
       if (!rebuilt.triangles && had !== this.#version) return void (this.#isStale = true);
       this.#version = rebuilt.trianglesVersion;
+      this.#isStale ||= rebuilt.isMoving;
       this.#spare = this.#drawn?.rebuilt;
       if (rebuilt.range) painter?.include(rebuilt.range);
       this.#drawn = { rebuilt, isCloud: surface.facts.faceTotal === 0, area: surface.facts.area };

@@ -3,10 +3,11 @@ import {
   kLighting, kLineFragment, kMeshFragment, kMeshPaint, kMeshVertex, kPaint, kSplatFragment, kSplatVertex,
 } from '../../../view/shaders.h';
 import type { Rebuilt } from '../client/protocol.js';
+import type { Quality } from '../core/levels.js';
 import { FIELD_OF_VIEW, type Camera } from './camera.js';
 import { bindTexture, Program, setFilter, type GL } from './gl.js';
 import { GlSurface, NUMBERS, PAINTS, UV } from './gl_surface.js';
-import { Lighting } from './lighting.js';
+import { Lighting, NO_SHADOW } from './lighting.js';
 import { product } from './matrix.js';
 import type { Style } from './style.js';
 import { Surroundings } from './surroundings.js';
@@ -14,7 +15,7 @@ import { Target, type Tile } from './target.js';
 
 /** Corners of one vertex have several UVs at seams, where the core gives several vertices. */
 const TEXTURED_VERTEX = kMeshVertex.replace('void main(){', `layout(location=${UV})in vec2 vertex_uv;out vec2 uv;void main(){uv=vertex_uv;`);
-const IMAGE_PAINT = 'in vec2 uv;uniform sampler2D image;vec3 own_paint(){vec3 texel=texture(image,uv).rgb;return uv.x>-1e30?texel:vec3(1.0);}';
+const IMAGE_PAINT = 'in vec2 uv;in vec3 painted;uniform sampler2D image;uniform int times_painted;vec3 own_paint(){vec3 texel=texture(image,uv).rgb,factor=times_painted==1?painted:vec3(1.0);return uv.x>-1e30?factor*texel:factor;}';
 
 /** Draws surfaces as the native viewer does, with its shaders: view/renderer.h. */
 export class Renderer {
@@ -60,23 +61,23 @@ export class Renderer {
   }
 
   /** To a part of the canvas. */
-  draw(all: readonly GlSurface[], camera: Camera, style: Style, tile: Tile, pixelScale: number): void {
+  draw(all: readonly GlSurface[], camera: Camera, style: Style, tile: Tile, pixelScale: number, quality: Readonly<Quality>): void {
     const gl = this.#gl, there = all.filter((surface) => surface.isDrawable), surfaces = there.length > 0 ? there : this.#warmUp();
     const paint = PAINTS[style.colour] ?? NUMBERS;
     for (const surface of surfaces) surface.paint = paint;
-    this.#lighting.cast(camera, style.shadow ? surfaces : []);
-    this.#target.bind(tile);
+    this.#lighting.cast(camera, surfaces, style.shadow ? quality.shadow : NO_SHADOW);
+    this.#target.bind(tile, quality.samples);
     const { x, y, width, height } = tile;
     gl.viewport(x, y, width, height);
-    const isWarmingUp = surfaces.length > there.length;  // Which one pixel does for.
-    gl.scissor(x, y, isWarmingUp ? 1 : width, isWarmingUp ? 1 : height);
+    const seen = surfaces.length > there.length ? { x, y, width: 1, height: 1 } : tile;  // Warming up takes one pixel.
+    gl.scissor(x, y, seen.width, seen.height);
     gl.enable(gl.SCISSOR_TEST);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     // Alpha is coverage: colours of a picture without wall are premultiplied, as canvases want them.
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     if (style.wall) this.#surroundings.drawWall();
     this.#lighting.bind();
-    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, there.length > 0, pixelScale);
+    if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, there.length > 0, pixelScale, tile, seen);
     gl.enable(gl.DEPTH_TEST);
     this.#drawMeshes(surfaces.filter((surface) => !surface.isCloud && !style.points), camera, style);
     this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale);
@@ -91,7 +92,7 @@ export class Renderer {
     if (this.#isWarm) return [];
     this.#isWarm = true;
     const nothing = new GlSurface(this.#gl), zeros = new Float32Array(9);
-    nothing.upload({ vertices: 3, level: 3, positions: zeros, normals: zeros, triangles: new Uint32Array(3) } as Rebuilt, false, 0);
+    nothing.upload({ vertices: 3, level: 3, positions: zeros, box: [0, 0, 0, 0, 0, 0], normals: zeros, triangles: new Uint32Array(3) } as Rebuilt, false, 0);
     return [nothing];
   }
   #drawMeshes(surfaces: readonly GlSurface[], camera: Camera, style: Style): void {

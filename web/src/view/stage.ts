@@ -2,7 +2,7 @@
 import { compiled } from '../client/client.js';
 import { defaults } from '../client/defaults.js';
 import { surroundings } from '../client/environment.js';
-import { Levels, type LevelObject } from '../core/levels.js';
+import { FULL, Levels, type LevelObject, type Quality } from '../core/levels.js';
 import { Core, EigencastError } from '../core/module.js';
 import { nowUs } from './clock.js';
 import type { GL } from './gl.js';
@@ -17,6 +17,8 @@ const RETRY_MS = 5000;
 const MAX_A_TURN = 20;
 /** Up to so many are drawn as soon as they can be. */
 const FEW = 4;
+/** Times of the display's turn: one that takes longer was held up by what was drawn, not by a display that saves power. */
+const LATE = 2.2;
 /** Of the canvas that pictures are drawn to, where one of them is not wider. */
 const MAX_SIDE = 2048;
 
@@ -51,8 +53,16 @@ export class Stage {
   #hidden: ReturnType<typeof setTimeout> | undefined;
   #turnedMs = 0;
   #next = 0;
+  /** Of the pictures that are drawn: when their work began, and how long it takes. */
+  #beganMs = 0;
   #workMs = 0;
+  /** Of several, until the last one's surface was there, beside the drawing of those before. */
+  #rebuiltMs = 0;
   #lastWorkMs = 0;
+  #isLate = false;
+  /** Between the display's turns, at least. */
+  #leastTurnMs = Infinity;
+  #lastTurnMs = 0;
   #fence: WebGLSync | undefined;
 
   private constructor(core: Core, canvas: HTMLCanvasElement, gl: GL, renderer: Renderer, picturesPerSecond: number) {
@@ -108,9 +118,9 @@ export class Stage {
   get load(): number {
     return this.#levels?.state ?? 0;
   }
-  /** Pixels of the display that a picture has, along each side: fewer where they are too many for the GPU. */
-  get sharpness(): number {
-    return this.#levels?.resolution ?? 1;
+  /** How pictures are drawn: with fewer pixels than the display's, and less, where all is too much for the GPU. */
+  get quality(): Readonly<Quality> {
+    return this.#levels?.quality ?? FULL;
   }
   /** What the last picture took. */
   get workMs(): number {
@@ -131,6 +141,7 @@ export class Stage {
   show(view: View): void {
     this.#changed.add(view);
     if (this.#views.size <= FEW) this.#drawChanged();
+    else this.#rebuiltMs = performance.now() - this.#turnedMs;
   }
   /** Draws pictures side by side, and copies each to its own canvas: copying from a GL canvas waits for all of its drawing. */
   draw(pictures: readonly Picture[]): void {
@@ -147,12 +158,13 @@ export class Stage {
     }
     if (canvas.width < right) canvas.width = right;
     if (canvas.height < upper) canvas.height = upper;
+    this.#beganMs = this.#views.size <= FEW ? this.#turnedMs : performance.now();
     for (const [picture, tile] of tiles) picture.paint(renderer, tile);
     for (const [{ to }, tile] of tiles) {
       to.globalCompositeOperation = 'copy';
       to.drawImage(canvas, tile.x, canvas.height - tile.y - tile.height, tile.width, tile.height, 0, 0, tile.width, tile.height);
     }
-    this.#workMs = this.#lastWorkMs = performance.now() - this.#turnedMs;
+    this.#workMs = this.#lastWorkMs = performance.now() - this.#beganMs;
     this.#fence ??= this.#gl.fenceSync(this.#gl.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? undefined;
     if (this.#rate > 0 && !this.#isControlled) this.#control();
     this.#gl.flush();  // Else they wait for the display's next turn.
@@ -169,14 +181,18 @@ export class Stage {
     }, RETRY_MS));
   }
   #schedule(): void {
-    this.#turn ??= requestAnimationFrame(() => {
+    this.#turn ??= requestAnimationFrame((displayedMs) => {
       this.#turn = undefined;
       if (this.#views.size > 0) this.#schedule();
+      if (displayedMs > this.#lastTurnMs) this.#leastTurnMs = Math.min(this.#leastTurnMs, displayedMs - this.#lastTurnMs);
+      this.#lastTurnMs = displayedMs;
       this.#advance();
     });
   }
   #advance(): void {
     if (this.#isGpuBusy()) return;
+    const workMs = Math.max(this.#workMs, this.#rebuiltMs);
+    this.#workMs = this.#rebuiltMs = 0;
     this.#drawChanged();
     const views = this.#due([...this.#views].filter((view) => view.isInSight));
     const objects: LevelObject[] = [];
@@ -186,8 +202,7 @@ export class Stage {
       if (object) objects.push(object);
     }
     const now = nowUs();
-    const levels = this.#levels?.resolve(objects, BigInt(now), this.#workMs / 1000);
-    this.#workMs = 0;
+    const levels = this.#levels?.resolve(objects, BigInt(now), workMs / 1000);
     this.#turnedMs = performance.now();
     let next = 0;
     for (const view of views) view.advance(now, levels && view.levelObject() ? levels[next++]! : view.maxVertices);
@@ -209,13 +224,15 @@ export class Stage {
     const gl = this.#gl;
     if (!this.#fence) return false;
     gl.flush();
+    // Work that is over is seen at a turn only, and a GPU that is late holds the turns up as well.
+    const elapsedMs = performance.now() - this.#beganMs;
+    if (this.#isLate || elapsedMs > LATE * this.#leastTurnMs) this.#workMs = this.#lastWorkMs = Math.max(this.#workMs, elapsedMs);
     if (gl.getSyncParameter(this.#fence, gl.SYNC_STATUS) === gl.SIGNALED || gl.isContextLost()) {
       gl.deleteSync(this.#fence);
       this.#fence = undefined;
-      return false;
+      return (this.#isLate = false);
     }
-    this.#workMs = this.#lastWorkMs = Math.max(this.#workMs, performance.now() - this.#turnedMs);
-    return true;
+    return (this.#isLate = true);
   }
   /** A page that nobody sees takes no poses. */
   readonly #onVisibility = (): void => {

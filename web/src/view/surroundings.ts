@@ -2,8 +2,9 @@
 import { kBackgroundFragment, kGroundFragment, kGroundVertex, kLighting, kLineFragment, kMeshVertex, kScreenVertex } from '../../../view/shaders.h';
 import type { Camera } from './camera.js';
 import { Program, type GL } from './gl.js';
-import type { Lighting } from './lighting.js';
+import { NO_SHADOW, type Lighting } from './lighting.js';
 import { cross, difference, dot, IDENTITY, length, product, sum, times, type Vec3 } from './matrix.js';
+import type { Tile } from './target.js';
 
 /** The wall, the floor with the surfaces' shadows, and the scene's axes: view/surroundings.h. */
 export class Surroundings {
@@ -41,8 +42,8 @@ export class Surroundings {
     gl.bindVertexArray(this.#none);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
-  /** `hasShadow`: where surfaces touch it. The shadow map is bound. */
-  drawFloor(camera: Camera, lighting: Lighting, hasGrid: boolean, hasShadow: boolean, pixelScale: number): void {
+  /** `hasShadow`: where surfaces touch it. The shadow map is bound; what is seen of the tile is scissored. */
+  drawFloor(camera: Camera, lighting: Lighting, hasGrid: boolean, hasShadow: boolean, pixelScale: number, tile: Tile, seen: Tile): void {
     const gl = this.#gl, up = camera.upVector, { radius, centre } = camera;
     const level = dot(camera.low, up) - 0.02 * radius;
     if (dot(camera.position, up) <= level) return;  // Seen from below it would hide the surface.
@@ -56,7 +57,21 @@ export class Surroundings {
     gl.enable(gl.BLEND);
     gl.depthMask(false);
     gl.bindVertexArray(this.#none);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    // The shadow takes nearly all of the floor's time: it is looked up where it may be.
+    const dark = lighting.shadowOn(camera, level, tile), right = dark.x + dark.width, upper = dark.y + dark.height, endX = seen.x + seen.width, endY = seen.y + seen.height;
+    const draw = (saving: number, x0: number, y0: number, x1: number, y1: number): void => {
+      const x = Math.min(x1, endX) - x0, y = Math.min(y1, endY) - y0;
+      if (x <= 0 || y <= 0) return;
+      this.#floor.set({ shadow_saving: saving });
+      gl.scissor(x0, y0, x, y);
+      gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    };
+    draw(lighting.saving, dark.x, dark.y, right, upper);
+    draw(NO_SHADOW, seen.x, seen.y, endX, dark.y);
+    draw(NO_SHADOW, seen.x, upper, endX, endY);
+    draw(NO_SHADOW, seen.x, dark.y, dark.x, upper);
+    draw(NO_SHADOW, right, dark.y, endX, upper);
+    gl.scissor(seen.x, seen.y, seen.width, seen.height);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
   }

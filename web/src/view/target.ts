@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { GL } from './gl.js';
 
-const SAMPLES = 4;
-
 /** A part of the canvas, pixels from its lower left. */
 export interface Tile {
   x: number;
@@ -11,13 +9,14 @@ export interface Tile {
   height: number;
 }
 
-/** Where a picture is drawn, several samples a pixel; what is drawn is copied from here. */
+/** Where a picture is drawn; what is drawn is copied from here. */
 export class Target {
   readonly #gl: GL;
   readonly #sampled: WebGLFramebuffer;
   readonly #buffers: WebGLRenderbuffer[];
   width = 0;
   height = 0;
+  #samples = 0;
 
   constructor(gl: GL) {
     this.#gl = gl;
@@ -25,17 +24,18 @@ export class Target {
     this.#buffers = [gl.createRenderbuffer(), gl.createRenderbuffer()];
   }
 
-  /** Grows to hold the tile, and makes it what is drawn to. */
-  bind(tile: Tile): void {
+  /** Grows to hold the tile, and makes it what is drawn to; samples: a pixel, 0: one. */
+  bind(tile: Tile, samples: number): void {
     const gl = this.#gl, width = tile.x + tile.width, height = tile.y + tile.height;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#sampled);
-    if (width <= this.width && height <= this.height) return;
+    if (width <= this.width && height <= this.height && samples === this.#samples) return;
+    this.#samples = samples;
     this.width = Math.max(width, this.width);
     this.height = Math.max(height, this.height);
-    const samples = Math.min(SAMPLES, gl.getParameter(gl.MAX_SAMPLES) as number);  // Asking waits for the GPU.
+    const most = gl.getParameter(gl.MAX_SAMPLES) as number;  // Asking waits for the GPU.
     [[gl.RGBA8, gl.COLOR_ATTACHMENT0], [gl.DEPTH_COMPONENT24, gl.DEPTH_ATTACHMENT]].forEach(([format, attachment], i) => {
       gl.bindRenderbuffer(gl.RENDERBUFFER, this.#buffers[i]!);
-      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, format!, this.width, this.height);
+      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, Math.min(samples, most), format!, this.width, this.height);
       gl.framebufferRenderbuffer(gl.FRAMEBUFFER, attachment!, gl.RENDERBUFFER, this.#buffers[i]!);
     });
   }

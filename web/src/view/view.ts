@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { Stream } from '../client/client.js';
-import type { LevelObject } from '../core/levels.js';
+import { FULL, type LevelObject, type Quality } from '../core/levels.js';
 import { Camera } from './camera.js';
 import { GlSurface } from './gl_surface.js';
 import { LiveSurface, type Drawn } from './live_surface.js';
@@ -13,7 +13,7 @@ import { isOfNumbers, STYLE, type Colouring, type ColourMap, type Style } from '
 import type { Tile } from './target.js';
 
 /** The smallest part of its vertices that a surface keeps, and how many are never worth saving: of small pictures those that a pixel can show. */
-const FLOOR = 0.02, FEW = 2000, PIXELS_A_VERTEX = 8;
+const FLOOR = 0.02, FEW = 2000, PIXELS_A_VERTEX = 32;
 /** What a key changes the largest part by, and its end. */
 const LEVEL_STEP = 1.25, MIN_LEVEL = 1 / 1024;
 const MAX_PIXEL_RATIO = 2;
@@ -37,6 +37,7 @@ export class View {
   #isHidden = false;
   #isPausedStream = false;
   #colourfulness = 1;
+  #quality: Readonly<Quality> = FULL;
   #painter: NumberPainter | undefined;
   #tables: typeof import('./numbers.js').tableOf | undefined;
   #table: { map: ColourMap; colours: Uint8Array } | undefined;
@@ -132,21 +133,24 @@ export class View {
     const { sceneFromSurface, triangles, spacing } = gl;
     return [{ positions: rebuilt.positions, triangles, sceneFromSurface, radius: 1.2 * spacing }];
   }
-  /** What is to be seen now as a PNG, with or without what is behind. */
+  /** What is to be seen now as a PNG, as well as can be drawn, with or without what is behind. */
   picture(wall: boolean): Promise<Blob | null> {
     const canvas = document.createElement('canvas');
-    [canvas.width, canvas.height] = [this.canvas.width, this.canvas.height];
+    [canvas.width, canvas.height] = this.#sizeOf(FULL);
     const style = { ...this.#style, wall, grid: wall && this.#style.grid };
-    this.#stage.draw([{ to: canvas.getContext('2d')!, paint: (renderer, tile) => this.#paint(renderer, style, tile) }]);
+    this.#stage.draw([{ to: canvas.getContext('2d')!, paint: (renderer, tile) => this.#paint(renderer, style, tile, FULL) }]);
     return new Promise((resolve) => canvas.toBlob(resolve));
   }
 
-  /** For the stage. */
+  /** For the stage, which draws it at once: a canvas of another size is empty until then. */
   nextPicture(): Picture {
+    const { canvas } = this, [width, height] = this.#sizeOf(this.#quality);
+    if (width !== canvas.width) canvas.width = width;
+    if (height !== canvas.height) canvas.height = height;
     return {
       to: this.#context,
       paint: (renderer, tile) => {
-        this.#paint(renderer, this.#style, tile);
+        this.#paint(renderer, this.#style, tile, this.#quality);
         this.#isDirty = false;
         ++this.drawn;
       },
@@ -157,12 +161,11 @@ export class View {
     this.#gl = undefined;
     this.live.forgetDrawn();
   }
-  /** Follows the size of the canvas on the page. */
+  /** Follows the size of the canvas on the page, and how pictures are to be drawn. */
   prepare(): void {
-    const { canvas } = this, ratio = this.#pixelRatio;
-    const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
-    if (width !== canvas.width || height !== canvas.height) {
-      [canvas.width, canvas.height] = [width, height];
+    const { canvas } = this, { quality } = this.#stage, [width, height] = this.#sizeOf(quality);
+    if (width !== canvas.width || height !== canvas.height || quality !== this.#quality) {
+      this.#quality = quality;
       this.invalidate();
     }
     this.camera.setViewport(canvas.clientWidth, canvas.clientHeight);
@@ -180,7 +183,7 @@ export class View {
     const { surface, box } = this.live;
     if (!surface || !box) return undefined;
     const { vertexCount, baseCount } = surface.facts, max = this.maxVertices, { camera } = this, eye = camera.position, { centre } = camera;
-    const pixels = camera.diameterPx(centre, camera.radius), few = Math.min(FEW, pixels ** 2 / PIXELS_A_VERTEX);
+    const pixels = camera.diameterPx(centre, camera.radius), few = Math.min(FEW, (pixels * pixelRatio(FULL)) ** 2 / PIXELS_A_VERTEX);
     return {
       max, min: Math.min(max, Math.max(baseCount, Math.round(few), Math.round(FLOOR * vertexCount))), drawn: this.vertices,
       distance: Math.hypot(eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]),
@@ -188,12 +191,14 @@ export class View {
     };
   }
   advance(nowUs: number, level: number): void {
-    this.live.advance(nowUs, level);
+    const { centre, radius } = this.camera;
+    this.live.advance(nowUs, level, ((this.#gl?.scale ?? 1) * this.camera.diameterPx(centre, radius)) / (2 * radius));
     if (this.#isDirty) this.#stage.show(this);
   }
 
-  get #pixelRatio(): number {
-    return Math.min(devicePixelRatio, MAX_PIXEL_RATIO) * this.#stage.sharpness;
+  #sizeOf(quality: Readonly<Quality>): [number, number] {
+    const ratio = pixelRatio(quality);
+    return [Math.round(this.canvas.clientWidth * ratio), Math.round(this.canvas.clientHeight * ratio)];
   }
   #take({ rebuilt, isCloud, area }: Drawn): void {
     if (!this.#stage.renderer) return;  // It asks again when it is back.
@@ -226,7 +231,7 @@ export class View {
     this.camera.setScene(most(Math.min), most(Math.max), outline.map((point) => moved(sceneFromSurface, point)));
     this.invalidate();
   }
-  #paint(renderer: Renderer, style: Style, tile: Tile): void {
+  #paint(renderer: Renderer, style: Style, tile: Tile, quality: Readonly<Quality>): void {
     const gl = this.#gl;
     gl?.place(this.live.sceneFromSurface);
     if (gl) gl.colourfulness = this.#colourfulness;
@@ -235,7 +240,7 @@ export class View {
       if (this.#table?.map !== style.colourMap) this.#table = { map: style.colourMap, colours: this.#tables!(style.colourMap) };
       renderer.useTable(this.#table.colours);
     }
-    renderer.draw(gl ? [gl] : [], this.camera, style, tile, this.#pixelRatio);
+    renderer.draw(gl ? [gl] : [], this.camera, style, tile, pixelRatio(quality), quality);
   }
   async #paintNumbers(colour: Colouring): Promise<void> {
     if (!isOfNumbers(colour)) return void (this.live.painter = this.#painter = undefined);
@@ -251,3 +256,5 @@ export class View {
     else this.live.stream.resume();
   }
 }
+
+const pixelRatio = ({ resolution }: Readonly<Quality>): number => Math.min(devicePixelRatio, MAX_PIXEL_RATIO) * resolution;

@@ -152,6 +152,13 @@ test('ImagesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
     const [coarse] = await compared(tab, 'textured', ['--colour=textured', `--lod=${0.8 ** 5}`], ['rebuilt', { colour: 'textured' }]);
     assert.ok(coarse.mean > 0.99 && coarse.worst > 0.9, `textured and coarse: ${JSON.stringify(coarse)}`);
   });
+  // With colours of its own as well: they are multiplied.
+  programs.ring(broker, 'both', image, true);
+  await onPage(`${site.url}/picture?stream=both`, async (tab) => {
+    await tab.until("window.isReady() && view.colourings.includes('textured')", 150_000);
+    const [same] = await compared(tab, 'both', ['--colour=textured'], ['rebuilt', { colour: 'textured' }]);
+    assert.ok(same.mean > 0.99 && same.worst > 0.9, `image times colours: ${JSON.stringify(same)}`);
+  });
 });
 
 test('TheCameraFollowsKeysAndPointers', async () => {
@@ -274,7 +281,7 @@ test('AWallOfStreamsTakesOneConnectionAndOneContext', async () => {
   const own = await programs.broker(), stop = await publishWall(programs, own, 30, 'heart', '--rank', '24'), wall = await startSite(own.port), tab = await chromium.tab();
   try {
     await tab.size(800, 500);
-    await tab.send('Page.addScriptToEvaluateOnNewDocument', { source: COUNTS });
+    await tab.preload(COUNTS);
     await tab.open(`${wall.url}/?wall=1`);
     await tab.until('pictures().length === 30 && pictures().every((count) => count > 0)', 150_000);
     const drawn = JSON.stringify(await tab.evaluate('pictures()'));

@@ -58,4 +58,4 @@ window.take = async (how = '', style = {}) => {
   const bytes = new Uint8Array(await blob.arrayBuffer());
   return { shown, png: btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join('')) };
 };
-window.isReady = () => stream.surface?.isComplete && view.live.shownUs !== undefined && view.vertices === stream.surface.facts.vertexCount;
+window.isReady = () => stream.surface?.isComplete && view.live.shownUs !== undefined && view.vertices === stream.surface.facts.vertexCount && !view.live.drawn.rebuilt.isMoving;

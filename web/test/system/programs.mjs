@@ -43,8 +43,8 @@ export class Programs {
   sender(broker, name, ...what) {
     return this.start('eigencast-sender', 'play', ...what, '--to', `ws://127.0.0.1:${broker.port}/${name}`, '--no-progress');
   }
-  /** A bumpy ring that stands still in a pose of its own, live: 960 vertices, with colours, or with an image (a PNG). */
-  ring(broker, name, image) {
+  /** A bumpy ring that stands still in a pose of its own, live: 960 vertices, with an image (a PNG), colours, or both. */
+  ring(broker, name, image, isPainted = !image) {
     const AROUND = 48, ACROSS = 20, rest = [], posed = [], faces = [], uvs = [];
     for (let i = 0; i < AROUND; ++i) {
       for (let k = 0; k < ACROSS; ++k) {
@@ -58,7 +58,7 @@ export class Programs {
     }
     for (let i = 0; i <= AROUND; ++i) for (let k = 0; k <= ACROSS; ++k) uvs.push(`vt ${i / AROUND} ${k / ACROSS}`);
     const base = join(this.folder, `ring${++this.#names}`), mesh = `${base}.obj`;
-    const colours = (point) => (image ? '' : ` ${point.map((x) => 0.5 + 0.3 * x).join(' ')}`);
+    const colours = (point) => (isPainted ? ` ${point.map((x) => 0.5 + 0.3 * x).join(' ')}` : '');
     writeFileSync(mesh, [...(image ? [`mtllib ${basename(base)}.mtl`] : []), ...rest.map((point) => `v ${point.join(' ')}${colours(point)}`), ...uvs, ...(image ? ['usemtl skin'] : []), ...faces, ''].join('\n'));
     if (image) {
       writeFileSync(`${base}.png`, image);

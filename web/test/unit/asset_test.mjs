@@ -305,3 +305,42 @@ test('AbsentBandsAreFilledFromTheRestPose', () => {
   assert.throws(() => reader.filled(C, 3, 1), { code: 'invalid-argument' });
   reader.free();
 });
+
+test('VerticesComeFromTheirParentsAndGoThere', () => {
+  for (const asset of ASSETS.filter(({ golden }) => golden.F > 0 && golden.n > golden.q)) {
+    const reader = opened(asset), surface = new Surface(core), C = reader.rest, { n, q, map } = asset.golden, TURN_US = 16_667;
+    surface.update(reader);
+    const atOnce = (level) => {
+      const { positions, normals } = surface.rebuild(reader, C, 3, level);
+      return { positions: positions.slice(), normals: normals.slice() };
+    };
+    const all = atOnce(n);
+    let now = 1;
+    const next = (level) => surface.rebuild(reader, C, 3, level, 0, false, 1000, (now += TURN_US));
+    /** Turns until level: in each of them vertices are on their way between their parents and where they are. */
+    const turns = (level) => {
+      for (let turn = 0; ; ++turn) {
+        const { vertices, positions, isMoving } = next(level);
+        for (let i = q; i < vertices; ++i) {
+          const at = (from, k) => [0, 1, 2].map((d) => from[3 * k + d]), [y, parent, x] = [at(positions, i), at(positions, map[i]), at(all.positions, i)];
+          const way = Math.hypot(...x.map((value, d) => value - parent[d])), gone = Math.hypot(...y.map((value, d) => value - parent[d])), left = Math.hypot(...x.map((value, d) => value - y[d]));
+          assert.ok(Math.abs(gone + left - way) < 1e-5 * (1 + way), `${asset.name}, turn ${turn}, vertex ${i}`);
+        }
+        if (!isMoving) {
+          assert.equal(vertices, level);
+          return turn;
+        }
+        assert.equal(vertices, n, 'until it is there');
+      }
+    };
+    assert.equal(next(q).vertices, q, 'a first picture waits for nothing');
+    assert.ok(turns(n) > 3);
+    const whole = next(n);
+    assert.deepEqual([whole.positions.slice(), whole.normals.slice()], [all.positions, all.normals]);
+    assert.ok(turns(q) > 1);
+    const least = next(q).positions.slice();
+    assert.deepEqual(least, atOnce(q).positions);
+    surface.free();
+    reader.free();
+  }
+});

@@ -5,7 +5,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { internals, levelsWasm, makeCore } from './support.mjs';
 
-const { Levels, Playout } = internals;
+const { FULL, Levels, Playout } = internals;
 const core = await makeCore(), control = await internals.Core.make(levelsWasm);
 
 /** A playout with poses t = 0, 100, ... ms of the value t / 100, each 20 ms later here. */
@@ -90,21 +90,23 @@ test('LevelsHoldTheRateAndSpendTheTimeWhereItIsSeen', () => {
   assert.deepEqual(levels.resolve([], 0n, 0), []);
   assert.throws(() => levels.resolve([{ ...objects[0], min: 50_000 }], 0n, 0), { code: 'invalid-argument' });
   assert.throws(() => levels.resolve([{ ...objects[0], pixels: NaN }], 0n, 0), { code: 'invalid-argument' });
-  // What costs a picture its time is its pixels: these go, and come back.
-  const pixels = new Levels(control, 60), one = { distance: 2, pixels: 500, vertexCost: 1, max: 20_000, min: 400, drawn: 0 };
-  const play = (count, slow) => {
-    for (let i = 0, level = 20_000; i < count; ++i) {
-      const seconds = slow * (0.02 * pixels.resolution ** 2 + 0.004 * (level / 20_000));
-      [level] = pixels.resolve([{ ...one, drawn: level }], BigInt(1e4 * i), seconds);
-    }
-  };
-  play(300, 0.5);
-  assert.equal(pixels.resolution, 1);
-  play(300, 1.5);
-  assert.ok(pixels.resolution < 0.8, `${pixels.resolution}`);
-  play(3000, 0.3);
-  assert.equal(pixels.resolution, 1);
-  pixels.free();
+  // What costs a picture its time is given up, and comes back: pixels, or the shadow.
+  const costs = { resolution: ({ resolution }) => 0.02 * resolution ** 2, shadow: ({ shadow }) => 0.006 + [0.014, 0.005][shadow] };
+  for (const [name, cost] of Object.entries(costs)) {
+    const one = new Levels(control, 60), object = { distance: 2, pixels: 500, vertexCost: 1, max: 20_000, min: 400 };
+    const play = (count, slow) => {
+      for (let i = 0, drawn = 20_000; i < count; ++i) {
+        const seconds = slow * (cost(one.quality) + 0.004 * (drawn / 20_000));
+        [drawn] = one.resolve([{ ...object, drawn }], BigInt(1e4 * i), seconds);
+      }
+      return one.quality;
+    };
+    assert.deepEqual(play(300, 0.5), FULL);
+    const lowered = play(300, 1.5);
+    assert.ok(name === 'shadow' ? lowered.shadow > 0 : lowered.resolution < 0.8, JSON.stringify(lowered));
+    assert.deepEqual(play(3000, 0.3), FULL);
+    one.free();
+  }
   assert.throws(() => new Levels(control, 0), { code: 'invalid-argument' });
   levels.free();
 });
