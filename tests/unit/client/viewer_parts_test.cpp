@@ -154,7 +154,7 @@ TEST(ViewerState, KeysToggleTheirSwitches) {
   EXPECT_TRUE(state.screenshot_wanted);
   press("Escape");
   EXPECT_TRUE(state.quit);
-  EXPECT_EQ(command_for_key("Q"), nullptr);
+  EXPECT_EQ(command_for_key("Z"), nullptr);
   EXPECT_EQ(command_for_key("C", {false, true})->repeats, false);
   command_for_key("F12", {true, false})->apply({state, camera, lod});
   EXPECT_TRUE(state.clean_screenshot_wanted);
