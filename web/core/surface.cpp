@@ -31,6 +31,8 @@ struct core_surface {
   } wedges;
   core_geometry geometry{};
   std::vector<float> values, room;
+  std::vector<std::uint32_t> row_of;  ///< Rows by the source's numbers, 2^32 - 1: it has not arrived;
+  std::uint32_t rows_placed = 0;      ///< so many are there.
   core_numbers numbers{};
 
   void update(const Asset& from) {
@@ -117,6 +119,8 @@ int32_t surface_update(core_surface* surface, const core_asset* asset) {
     surface->levels.forget();
     surface->triangles.clear();
     surface->reconstructor.reserve(asset->reader.asset());
+    surface->row_of.clear();
+    surface->rows_placed = 0;
     surface->asset = asset->number;
   }
   const Asset& from = asset->reader.asset();
@@ -184,13 +188,15 @@ const float* surface_points(core_surface* surface, const core_asset* asset, cons
   std::vector<float>&all = surface->values, &room = surface->room;
   all.assign(std::size_t{3} * points, std::numeric_limits<float>::quiet_NaN());
   room.resize(std::size_t{3} * ready);
-  for (std::uint32_t row = 0; row < ready; ++row) {
-    for (std::uint32_t i = 0; i < points; ++i) {
-      if (from.source_vertex[row] != vertices[i]) continue;
-      const PoseToRebuild pose{{coefficients, count}, channels, {room.data(), std::size_t{3} * (row + 1)}, {}};
-      surface->reconstructor.rebuild({&pose, 1}, from.rank, row + 1, row);
-      std::copy_n(&room[std::size_t{3} * row], 3, &all[std::size_t{3} * i]);
-    }
+  auto& row_of = surface->row_of;
+  row_of.resize(from.vertex_count, ~std::uint32_t{0});
+  for (std::uint32_t& row = surface->rows_placed; row < ready; ++row) row_of[from.source_vertex[row]] = row;
+  for (std::uint32_t i = 0; i < points; ++i) {
+    const std::uint32_t row = vertices[i] < row_of.size() ? row_of[vertices[i]] : ready;
+    if (row >= ready) continue;
+    const PoseToRebuild pose{{coefficients, count}, channels, {room.data(), std::size_t{3} * (row + 1)}, {}};
+    surface->reconstructor.rebuild({&pose, 1}, from.rank, row + 1, row);
+    std::copy_n(&room[std::size_t{3} * row], 3, &all[std::size_t{3} * i]);
   }
   return all.data();
 }
