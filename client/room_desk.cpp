@@ -104,6 +104,7 @@ bool RoomDesk::advance(Camera& camera, TimeUs now_us) {
   const std::uint64_t before = state_.version;
   client_->read(state_);
   const bool news = state_.version != before;
+  if (news) find_points();
   const auto lead = state_.floors.find(kLead);
   const std::uint32_t leader = lead == state_.floors.end() ? 0 : lead->second;
   if (std::exchange(leader_, leader) != leader) follows_ = true;
@@ -149,13 +150,24 @@ void RoomDesk::pin(const SurfacePoint& point, std::string note) {
   client_->say(kPinPrefix + std::to_string(number), text_from_point(point, note), true);
 }
 
-std::vector<RoomDesk::Pin> RoomDesk::pins() const {
-  std::vector<Pin> all;
+void RoomDesk::find_points() {
+  points_.clear();
   for (const auto& [id, member] : state_.members) {
     for (const auto& [key, text] : member.values) {
-      Pin pin{id, key, {}, state_.speaks && (id == state_.self || !member.here)};
-      if (key.starts_with(kPinPrefix) && point_from_text(text, &pin.note)) all.push_back(std::move(pin));
+      const bool is_pin = key.starts_with(kPinPrefix);
+      if (!is_pin && (key != "pointer" || id == state_.self)) continue;
+      std::string note;
+      auto point = point_from_text(text, &note);
+      if (point) points_.push_back({id, key, std::move(note), std::move(*point), is_pin});
     }
+  }
+}
+
+std::vector<RoomDesk::Pin> RoomDesk::pins() const {
+  std::vector<Pin> all;
+  for (const Said& said : points_) {
+    const bool removable = state_.speaks && (said.member == state_.self || !state_.members.at(said.member).here);
+    if (said.is_pin) all.push_back({said.member, said.key, said.note, removable});
   }
   return all;
 }
@@ -179,24 +191,20 @@ const RoomDesk::Rows& RoomDesk::rows_of(std::size_t source, const PoseSource& fr
 
 std::vector<RoomDesk::Mark> RoomDesk::marks(const Scene& scene, std::span<PoseSource* const> sources) {
   std::vector<Mark> all;
-  for (const auto& [id, member] : state_.members) {
-    for (const auto& [key, text] : member.values) {
-      const bool is_pin = key.starts_with(kPinPrefix);
-      if (!is_pin && (key != "pointer" || id == state_.self)) continue;
-      std::string note;
-      const auto point = point_from_text(text, &note);
-      for (std::size_t i = 0; point && i < scene.instances().size(); ++i) {
-        const Scene::Instance& instance = scene.instances()[i];
-        const PoseSource& source = *sources[instance.placement.source];
-        const Asset* asset = source.asset();
-        if (!instance.visible || asset == nullptr || !source.info() || source.info()->stream != point->stream) continue;
-        const auto rows = rows_at(rows_of(instance.placement.source, source).row_of, *point);
-        const std::uint32_t drawn = instance.view.reconstructor().tiles().rows();
-        if (!rows || *std::max_element(rows->begin(), rows->end()) >= drawn) continue;
-        const glm::vec3 at = instance.view.point(*rows, point->weights, room_);
-        all.push_back({glm::vec3(instance.scene_from_surface * glm::vec4(at, 1)), colour_from_text(member.colour),
-                       is_pin ? note : member.name, is_pin});
-      }
+  for (const Said& said : points_) {
+    const RoomState::Member& member = state_.members.at(said.member);
+    for (std::size_t i = 0; i < scene.instances().size(); ++i) {
+      const Scene::Instance& instance = scene.instances()[i];
+      const PoseSource& source = *sources[instance.placement.source];
+      const Asset* asset = source.asset();
+      if (!instance.visible || asset == nullptr || !source.info() || source.info()->stream != said.point.stream)
+        continue;
+      const auto rows = rows_at(rows_of(instance.placement.source, source).row_of, said.point);
+      const std::uint32_t drawn = instance.view.reconstructor().tiles().rows();
+      if (!rows || *std::max_element(rows->begin(), rows->end()) >= drawn) continue;
+      const glm::vec3 at = instance.view.point(*rows, said.point.weights, room_);
+      all.push_back({glm::vec3(instance.scene_from_surface * glm::vec4(at, 1)), colour_from_text(member.colour),
+                     said.is_pin ? said.note : member.name, said.is_pin});
     }
   }
   return all;

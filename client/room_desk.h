@@ -79,10 +79,19 @@ class RoomDesk final {
     std::uint32_t epoch = 0, ready = 0;
     std::vector<std::uint32_t> row_of;
   };
+  /// A pin, or where another points.
+  struct Said {
+    std::uint32_t member = 0;
+    std::string key, note;
+    SurfacePoint point;
+    bool is_pin = false;
+  };
+  void find_points();
   const Rows& rows_of(std::size_t source, const PoseSource& from);
 
   std::unique_ptr<RoomClient> client_;
   RoomState state_;
+  std::vector<Said> points_;  ///< Of state_, parsed once.
   bool follows_ = true;
   std::uint32_t leader_ = 0;
   std::string said_camera_;
