@@ -81,8 +81,9 @@ bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
          listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && profile_keys.is_idle(now_us) &&
-         deliveries.is_idle(now_us) && http_work.is_idle(now_us) && upload_bytes.is_idle(now_us) &&
-         download_bytes.is_idle(now_us) && failures.is_idle(now_us) && announcements.is_idle(now_us);
+         deliveries.is_idle(now_us) && news.is_idle(now_us) && http_work.is_idle(now_us) &&
+         upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us) &&
+         announcements.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
@@ -292,6 +293,10 @@ void Grant::charge_profile_key(double work_us, TimeUs now_us) {
 
 TimeUs Grant::charge_deliveries(double work_us, TimeUs now_us) {
   return is_spared() ? 0 : *take_loop_time(&Account::deliveries, work_us, now_us, kForeverUs);
+}
+
+TimeUs Grant::charge_news(double work_us, TimeUs now_us) {
+  return *take_loop_time(&Account::news, work_us, now_us, kForeverUs);
 }
 
 std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {

@@ -62,6 +62,7 @@ struct Account {
   RateLimiter poses;
   RateLimiter profile_keys;
   RateLimiter deliveries;
+  RateLimiter news;
   RateLimiter http_work;
   RateLimiter upload_bytes;
   RateLimiter download_bytes;
@@ -144,6 +145,8 @@ class Grant {
   void charge_profile_key(double work_us, TimeUs now_us);  ///< Once it is made: whatever is left.
   /// The same for frames that were written to it, apart: how long no more should be. This machine's have no limit.
   TimeUs charge_deliveries(double work_us, TimeUs now_us);
+  /// The same for what it is told of rooms and moments, apart: it does not choose what others say.
+  TimeUs charge_news(double work_us, TimeUs now_us);
   const void* purse() const { return site_.get(); }  ///< The same for all who share these budgets.
   bool is_proxy() const { return policy_->is_trusted_proxy(identity_.client.address); }
   /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted

@@ -13,7 +13,7 @@ namespace eigencast::broker {
 namespace {
 
 /// Of a message about a room: what its making costs, of which those that get the same share a part only.
-constexpr double kNewsUs = 10, kNewsBytesPerUs = 50;
+constexpr double kNewsUs = 10, kNewsBytesPerUs = 50, kMomentUs = 1;
 constexpr TimeUs kTellLagUs = 1'000, kNoteEveryUs = 100'000;
 
 }  // namespace
@@ -143,15 +143,19 @@ void Subscriber::note_arrival(const Stream& stream, std::span<const FramePtr> fr
   }
 }
 
-void Subscriber::tell_moments() {
+double Subscriber::tell_moments() {
+  double work_us = 0;
   for (auto& [id, watched] : streams_) {
     if (!watched.moment) continue;
+    work_us += kMomentUs;
     const auto lag_us =
         context().moments.lag_us(*watched.moment, steady_now_us(), context().config.frames.max_sync_ms * 1000);
     if (!lag_us || (watched.lag_us && std::abs(*lag_us - *watched.lag_us) < kTellLagUs)) continue;
     watched.lag_us = lag_us;
+    work_us += kNewsUs;
     send(control::Moment{watched.stream->name(), *lag_us});
   }
+  return work_us;
 }
 
 void Subscriber::follow_beat() {
@@ -218,15 +222,29 @@ void Subscriber::leave(const control::Leave& what) {
 
 void Subscriber::tell_news() {
   guarded([this] {
-    if (outbox().control_messages() > 0 || is_closing()) return;
-    tell_moments();
-    for (const auto& [room, seat] : rooms_) {
-      for (const Outbox::Text& text : context().rooms.news(room, seat)) {
-        charge(kNewsUs + static_cast<double>(text->size()) / kNewsBytesPerUs);
-        send(text);
-      }
+    const TimeUs now_us = steady_now_us();
+    if (outbox().control_messages() > 0 || is_closing() || now_us < news_due_us_) return;
+    const auto pay = [&](double work_us) {
+      if (work_us > 0) news_due_us_ = std::max(news_due_us_, now_us + grant().charge_news(work_us, now_us));
+    };
+    pay(tell_moments());
+    for (std::size_t i = 0; i < rooms_.size() && std::max(news_due_us_, rooms_due_us_) <= now_us; ++i) {
+      const auto& [room, seat] = *std::next(rooms_.begin(), static_cast<std::ptrdiff_t>(room_++ % rooms_.size()));
+      pay(tell_room(room, seat));
     }
   });
+}
+
+double Subscriber::tell_room(const std::string& room, const Rooms::Seat& seat) {
+  double work_us = 0, bytes = 0;
+  for (const Outbox::Text& text : context().rooms.news(room, seat)) {
+    bytes += static_cast<double>(text->size());
+    work_us += kNewsUs;
+    send(text);
+  }
+  const TimeUs now_us = steady_now_us();
+  rooms_due_us_ = now_us + *news_bytes_.take(bytes, kNewsBytesPerS, kNewsBurst, now_us, kForeverUs);
+  return work_us + bytes / kNewsBytesPerUs;
 }
 
 Rooms::Seat Subscriber::seat_in(const std::string& room) const {

@@ -17,6 +17,9 @@ namespace eigencast::broker {
 /// loop.
 class Subscriber final : public Watcher, public Connection {
  public:
+  /// Of rooms, so that nobody who speaks fills the links of others: bytes a second, and at once.
+  static constexpr std::int64_t kNewsBytesPerS = 131'072, kNewsBurst = 131'072;
+
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
   std::string holder() const override { return grant().is_spared() ? std::string() : grant().holder(); }
@@ -55,7 +58,9 @@ class Subscriber final : public Watcher, public Connection {
   void unsubscribe(const control::Unsubscribe& request);
   /// group: empty: none.
   void synchronise(Watched& watched, const std::string& group);
-  void tell_moments();
+  /// Microseconds that it took.
+  double tell_moments();
+  double tell_room(const std::string& room, const Rooms::Seat& seat);
   void note_late(const control::Late& late);
   void note_arrival(const Stream& stream, std::span<const FramePtr> frames);
   /// Whether it is told news.
@@ -75,6 +80,9 @@ class Subscriber final : public Watcher, public Connection {
   std::optional<control::Subscribe> first_;
   std::map<std::uint32_t, Watched> streams_;  ///< For few streams a tree takes less memory than a hash table.
   std::map<std::string, Rooms::Seat> rooms_;  ///< At most limits::kMaxRooms.
+  std::size_t room_ = 0;                      ///< Of these the next one that is told.
+  RateLimiter news_bytes_;
+  TimeUs news_due_us_ = 0, rooms_due_us_ = 0;
   std::uint64_t joins_counted_ = 0;
 };
 

@@ -71,29 +71,47 @@ Result<Rooms::Found> Rooms::find(const std::string& room, const Seat& seat) {
                                         "taken over by another connection");
 }
 
-Result<void> Rooms::make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t bytes,
+Result<void> Rooms::may_hold(const Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
+                             const Limits& limits) {
+  struct {
+    std::int64_t members = 0, bytes = 0, said = 0;
+  } here, own;  // Of those that are here: the others make room.
+  for (const auto& [id, member] : room.members) {
+    if (!member.here) continue;
+    for (auto* sum : {&here, member.holder == holder ? &own : nullptr}) {
+      if (sum == nullptr) continue;
+      ++sum->members;
+      sum->bytes += member.bytes;
+      sum->said += member.bytes - kMemberBytes;
+    }
+  }
+  if (members > 0 && own.members + members > share_of(limits.max_members, here.members, own.members, holder.empty()))
+    return too_large("the room is full, or too full for one that has several in it: see rooms.max_members = " +
+                     std::to_string(limits.max_members));
+  const std::int64_t used = here.bytes + members * kMemberBytes;
+  if (used + said > limits.max_room_bytes ||
+      (said > 0 && own.said + said > share_of(limits.max_room_bytes, used, own.said, holder.empty())))
+    return too_large("too much is said in the room, or by one that has said much: see rooms.max_room_bytes = " +
+                     std::to_string(limits.max_room_bytes) + "; remove notes, or write shorter ones");
+  return {};
+}
+
+Result<void> Rooms::make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
                               const Limits& limits) {
+  if (auto may = may_hold(room, holder, members, said, limits); !may) return may;
+  const std::int64_t bytes = members * kMemberBytes + said;
+  if (!bytes_.fits(holder, bytes, limits.max_bytes))
+    return too_large("of rooms.max_bytes = " + std::to_string(limits.max_bytes) +
+                     " too few are free for one that holds more: try again later");
   const auto full = [&] {
     return static_cast<std::int64_t>(room.members.size()) + members > limits.max_members ||
            room.bytes + bytes > limits.max_room_bytes;
   };
   while (full()) {
     const auto left = std::find_if(room.members.begin(), room.members.end(), [](auto& m) { return !m.second.here; });
-    if (left == room.members.end()) break;
+    if (left == room.members.end()) break;  // A reload has made limits less.
     drop(room, left->first);
   }
-  const auto own = std::count_if(room.members.begin(), room.members.end(),
-                                 [&](const auto& member) { return member.second.holder == holder; });
-  const auto used = static_cast<std::int64_t>(room.members.size());
-  if (members > 0 && own + members > share_of(limits.max_members, used, own, holder.empty()))
-    return too_large("the room is full, or too full for one that has several in it: see rooms.max_members = " +
-                     std::to_string(limits.max_members));
-  if (room.bytes + bytes > limits.max_room_bytes)
-    return too_large("too much is said in the room: see rooms.max_room_bytes = " +
-                     std::to_string(limits.max_room_bytes) + "; remove notes, or write shorter ones");
-  if (!bytes_.fits(holder, bytes, limits.max_bytes))
-    return too_large("of rooms.max_bytes = " + std::to_string(limits.max_bytes) +
-                     " too few are free for one that holds more: try again later");
   return {};
 }
 
@@ -128,12 +146,16 @@ void Rooms::drop(Room& room, std::uint32_t id) {
 Result<Rooms::Seat> Rooms::enter(const control::Enter& wish, const Entrant& who, const Limits& limits) {
   const std::lock_guard lock(mutex_);
   Room& room = rooms_[wish.room];
-  const auto former =
+  auto former =
       who.former.empty() ? room.members.end() : std::find_if(room.members.begin(), room.members.end(), [&](auto& each) {
         return each.second.proof == who.former && each.second.holder == who.holder;
       });
+  // With what it kept it may be too much for one holder that is here: then its former place stays as it left it.
+  if (former != room.members.end() && !former->second.here &&
+      !may_hold(room, who.holder, 1, former->second.bytes - kMemberBytes, limits))
+    former = room.members.end();
   if (former == room.members.end()) {
-    if (auto made = make_room(room, who.holder, 1, kMemberBytes, limits); !made) {
+    if (auto made = make_room(room, who.holder, 1, 0, limits); !made) {
       if (room.members.empty()) rooms_.erase(wish.room);
       return made.error();
     }
@@ -253,8 +275,9 @@ std::vector<Outbox::Text> Rooms::news(const std::string& name, const Seat& seat)
   const auto found = find(name, seat);
   if (!found) return {};
   Room& room = *found->room;
-  const Version since = std::exchange(found->member->told, room.version);
-  if (since == room.version) return {};
+  const Version told = std::exchange(found->member->told, room.version);
+  if (told == room.version) return {};
+  const Version since = told < room.forgotten ? 0 : told;  // 0: everything.
   if (room.made_at != room.version || room.made_from != since || room.made.empty()) {
     room.made = texts_since(name, room, since);
     room.made_from = since;
@@ -264,8 +287,7 @@ std::vector<Outbox::Text> Rooms::news(const std::string& name, const Seat& seat)
 }
 
 std::vector<Outbox::Text> Rooms::texts_since(const std::string& name, const Room& room, Version since) {
-  const bool whole = since < room.forgotten || since == 0;
-  if (whole) since = 0;
+  const bool whole = since == 0;
   NewsWriter writer(name, whole);
   for (const auto& [floor, held] : room.floors) {
     if (held.version > since && !(whole && held.member == 0)) writer.message().floors.push_back({floor, held.member});

@@ -104,8 +104,11 @@ class Rooms {
     Member* member = nullptr;
   };
   Result<Found> find(const std::string& room, const Seat& seat);
-  /// Drops who has left until there is room for so much more. Errors: kTooLarge.
-  Result<void> make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t bytes,
+  /// So much more, where those who have left make room: each holder that is here has its share. Errors: kTooLarge.
+  static Result<void> may_hold(const Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
+                               const Limits& limits);
+  /// Drops who has left until there is room for so much more. Errors: kTooLarge, and nobody is dropped.
+  Result<void> make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
                          const Limits& limits);
   void charge(Room& room, Member& member, std::int64_t bytes);
   static void note_removed(Room& room, std::uint32_t member, const std::string& key);

@@ -140,7 +140,7 @@ class Fields {
   void room_values(const char* name, std::vector<control::RoomValue>& values) {
     const Json* field = find(name, Written::object());
     for (std::size_t i = 0; !reads() && i < values.size(); ++i)
-      (*to_)[name][values[i].key] = Written::parse(values[i].json, nullptr, /*allow_exceptions=*/false);
+      (*to_)[name][values[i].key] = Json::parse(values[i].json, nullptr, /*allow_exceptions=*/false);
     if (field == nullptr) return;
     if (!field->is_object() || field->size() > limits::kMaxRoomKeys)
       return wrong(name, "must be an object of at most " + std::to_string(limits::kMaxRoomKeys) + " members");

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 //
 // Rooms of a whole broker.
+#include <atomic>
 #include <fstream>
 #include <set>
 
 #include "broker/access/token_file.h"
+#include "broker/connections/subscriber.h"
 #include "common/wire/limits.h"
 #include "tests/unit/broker/service.h"
 
@@ -113,6 +115,35 @@ TEST_F(RoomServiceTest, FloodsAreToldAsTheirLastValue) {
     last = member.values.front().json;
   }
   EXPECT_LT(told, kSaid / 2);
+}
+
+TEST_F(RoomServiceTest, WhatOthersSayIsPacedAndDelaysNothingElse) {
+  const auto speaks = create_static_token("speaks", {}, {"a"}, false, {"a"});
+  std::ofstream(folder_ + "/tokens") << speaks->line << "\n";
+  stop();
+  config_.access.tokens_file = folder_ + "/tokens";
+  config_.limits.max_control_bytes = 65'536;
+  config_.per_address.work_us_per_s = 5'000;  // Bob's; Ada has a token's.
+  std::atomic<int> read_later{0};
+  log_ = [&](LogLevel, std::string_view text) { read_later += text.find("work_us_per_s") != text.npos ? 1 : 0; };
+  start();
+  auto bob = enter("Bob"), ada = enter("Ada", "?access_token=" + speaks->token);
+  const std::string note = '"' + std::string(2000, 'x');
+  constexpr int kTimes = 5, kNotes = 30;
+  const TimeUs begun_us = steady_now_us();
+  for (int i = 0; i < kTimes; ++i) {
+    control::Say all{"a", {}};
+    for (int k = 0; k < kNotes; ++k) all.values.push_back({"k" + std::to_string(k), note + std::to_string(i) + '"'});
+    ada->send(all);
+    for (std::string last; !last.ends_with(std::to_string(i) + '"') && !bob->failed();)
+      last = member_with(*bob, "k9").values.back().json;
+    bob->send(control::Ping{1, 1});
+    bob->wait_for<control::Pong>();
+  }
+  EXPECT_EQ(read_later, 0) << "it asked for little";
+  constexpr std::int64_t kLeastBytes = (kTimes - 1) * kNotes * 2000;
+  EXPECT_GE(steady_now_us() - begun_us,
+            (kLeastBytes - Subscriber::kNewsBurst) * 1'000'000 / Subscriber::kNewsBytesPerS);
 }
 
 TEST_F(RoomServiceTest, AskForRights) {

@@ -194,27 +194,87 @@ TEST_F(RoomsTest, HugeNotesAndManyKeysAreRefusedWhole) {
 }
 
 TEST_F(RoomsTest, BytesOfARoomAreLimitedAndChargedToHolders) {
-  limits_.max_room_bytes = 16'384;
-  const auto ada = try_to_enter("Ada", "ada"), bob = try_to_enter("Bob", "bob");
+  limits_.max_room_bytes = 65'536;
+  const auto bob = try_to_enter("Bob", "bob");
   const std::string note = '"' + std::string(2000, 'x') + '"';
   const auto notes_of = [&](const Rooms::Seat& seat) {
     int count = 0;
     while (rooms_.say({"a", {{"k" + std::to_string(count), note}}, true}, seat, limits_)) ++count;
     return count;
   };
-  EXPECT_EQ(notes_of(*ada), 3) << "of 4,132 bytes each";
+  for (int i = 0; i < 4; ++i) {
+    const auto ada = try_to_enter("Ada", "ada");
+    EXPECT_EQ(notes_of(*ada), 3) << "of 4,136 bytes each, a quarter of what is free";
+    rooms_.leave("a", *ada);
+  }
   EXPECT_LE(rooms_.bytes(), limits_.max_room_bytes);
-  // What those kept who have left makes room.
-  rooms_.leave("a", *ada);
+  // What those kept who have left makes room, the oldest first.
   EXPECT_EQ(notes_of(*bob), 3);
   Known known;
   known.take(rooms_.news("a", *bob));
-  EXPECT_EQ(known.members.size(), 1U);
+  EXPECT_EQ(known.members.size(), 4U);
+  EXPECT_FALSE(known.members.contains(bob->member + 1));
   // Of all rooms one holder has a quarter of what is free.
-  limits_ = {.max_bytes = 40'000};
+  limits_ = {.max_bytes = 80'000};
   const auto other = rooms_.enter({"b", "Bob"}, {"bob", "proof", {}}, limits_);
   EXPECT_EQ(code_of(other ? Result<void>() : other.error()), ErrorCode::kTooLarge);
   EXPECT_TRUE(rooms_.enter({"b", "Cleo"}, {"cleo", "proof", {}}, limits_));
+}
+
+TEST_F(RoomsTest, OneHolderLeavesOthersRoomToSpeakAndToEnter) {
+  const auto ada = try_to_enter("Ada", "ada"), bob = try_to_enter("Bob", "bob");
+  const std::string note = '"' + std::string(2000, 'x') + '"';
+  std::size_t said = 0;
+  while (rooms_.say({"a", {{"k" + std::to_string(said), note}}, true}, *ada, limits_)) ++said;
+  EXPECT_GT(said, 8U);
+  EXPECT_LT(said, limits::kMaxRoomKeys) << "it had all of the room";
+  EXPECT_TRUE(try_to_enter("Cleo", "cleo"));
+  for (int i = 0; i < 8; ++i)
+    EXPECT_TRUE(rooms_.say({"a", {{"k" + std::to_string(i), note}}, true}, *bob, limits_)) << i;
+}
+
+TEST_F(RoomsTest, WhoComesBackInNumbersLeavesOthersRoomToo) {
+  const auto bob = try_to_enter("Bob", "bob");
+  const std::string note = '"' + std::string(2000, 'x') + '"';
+  const auto say_all = [&](const Rooms::Seat& seat) {
+    for (int k = 0; rooms_.say({"a", {{"k" + std::to_string(k), note}}, true}, seat, limits_);) ++k;
+  };
+  for (const char* name : {"1", "2", "3", "4", "5"}) {
+    const auto ada = try_to_enter(name, "ada", name);
+    say_all(*ada);
+    rooms_.leave("a", *ada);
+  }
+  for (const char* name : {"1", "2", "3", "4", "5"}) EXPECT_TRUE(try_to_enter(name, "ada", name, name));
+  EXPECT_TRUE(rooms_.say({"a", {{"k", note}}}, *bob, limits_));
+  EXPECT_EQ(try_to_enter("1", "ada", "1", "1")->member, bob->member + 1) << "the first had its share";
+}
+
+TEST_F(RoomsTest, WhatIsRefusedMakesNobodysNotesGo) {
+  limits_.max_room_bytes = 32'768;
+  const auto left = try_to_enter("Left", "left"), bob = try_to_enter("Bob", "bob"), ada = try_to_enter("Ada", "ada");
+  const std::string note = '"' + std::string(2000, 'x') + '"';
+  ASSERT_TRUE(rooms_.say({"a", {{"pin.1", note}}, true}, *left, limits_));
+  rooms_.leave("a", *left);
+  std::vector<RoomValue> notes;
+  for (int i = 0; i < 8; ++i) notes.push_back({"k" + std::to_string(i), note});
+  EXPECT_EQ(code_of(rooms_.say({"a", notes, true}, *ada, limits_)), ErrorCode::kTooLarge);
+  Known known;
+  known.take(rooms_.news("a", *bob));
+  EXPECT_TRUE(known.members.contains(left->member));
+}
+
+TEST_F(RoomsTest, AllWhoGetEverythingShareTheBytes) {
+  Person ada = enter("Ada"), bob = enter("Bob"), cleo = enter("Cleo");
+  look(bob);
+  ASSERT_TRUE(say(ada, {{"pointer", "[1]"}}));
+  look(cleo);
+  for (int i = 0; i < 300; ++i) {
+    ASSERT_TRUE(say(ada, {{"k", "1"}}));
+    ASSERT_TRUE(say(ada, {{"k", "null"}}));
+  }
+  const auto one = rooms_.news("a", bob.seat), other = rooms_.news("a", cleo.seat);
+  ASSERT_EQ(one.size(), 1U);
+  EXPECT_EQ(one.front().get(), other.front().get());
 }
 
 TEST_F(RoomsTest, MembersAreLimitedAndHoldersHaveShares) {
