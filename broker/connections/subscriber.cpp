@@ -159,10 +159,9 @@ double Subscriber::tell_moments() {
 }
 
 void Subscriber::follow_beat() {
-  const bool tells = !rooms_.empty() || std::any_of(streams_.begin(), streams_.end(), [](const auto& watched) {
-    return watched.second.moment.has_value();
-  });
-  if (!tells) return void(context().on_beat.erase(this));
+  synchronised_ = std::any_of(streams_.begin(), streams_.end(),
+                              [](const auto& watched) { return watched.second.moment.has_value(); });
+  if (rooms_.empty() && !synchronised_) return void(context().on_beat.erase(this));
   context().on_beat.insert(this);
   context().arm_beat();
 }
@@ -300,7 +299,12 @@ void Subscriber::on_restart(const Stream& stream) {
 }
 
 void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {
-  if (context().on_beat.contains(this)) note_arrival(stream, frames);
+  if (synchronised_) return deliver_noted(stream, frames);
+  deliver(stream.id(), frames);
+}
+
+void Subscriber::deliver_noted(const Stream& stream, std::span<const FramePtr> frames) {
+  note_arrival(stream, frames);
   deliver(stream.id(), frames);
 }
 

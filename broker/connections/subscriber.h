@@ -63,6 +63,8 @@ class Subscriber final : public Watcher, public Connection {
   double tell_room(const std::string& room, const Rooms::Seat& seat);
   void note_late(const control::Late& late);
   void note_arrival(const Stream& stream, std::span<const FramePtr> frames);
+  /// Apart from on_frames(), which so needs no registers of its own.
+  [[gnu::noinline]] void deliver_noted(const Stream& stream, std::span<const FramePtr> frames);
   /// Whether it is told news.
   void follow_beat();
   void enter(const control::Enter& wish);
@@ -79,6 +81,7 @@ class Subscriber final : public Watcher, public Connection {
 
   std::optional<control::Subscribe> first_;
   std::map<std::uint32_t, Watched> streams_;  ///< For few streams a tree takes less memory than a hash table.
+  bool synchronised_ = false;                 ///< Whether one of its streams has a moment; asked at each delivery.
   std::map<std::string, Rooms::Seat> rooms_;  ///< At most limits::kMaxRooms.
   std::size_t room_ = 0;                      ///< Of these the next one that is told.
   RateLimiter news_bytes_;

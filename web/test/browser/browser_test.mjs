@@ -231,7 +231,7 @@ test('FilmsAndScreenshotsAreKept', async () => {
 });
 
 test('HiddenPagesTakeNoPoses', async () => {
-  programs.sender(broker, 'lab/moving', 'heart', '--rank', '24');
+  programs.sender(broker, 'lab/moving', 'heart', '--rank', '24', '--memory', 'off');
   await onPage(`${site.url}/picture?stream=lab/moving`, async (tab) => {
     const keys = 'view.live.stream.status.counts.keys + view.live.stream.status.counts.joins';
     const hide = (isHidden) => tab.evaluate(`Object.defineProperty(document, 'hidden', { configurable: true, get: () => ${isHidden} }); document.dispatchEvent(new Event('visibilitychange'))`);
