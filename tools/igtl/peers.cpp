@@ -106,22 +106,24 @@ class PolledPeers final : public Peers {
     if (!options_.listens) connect();
     std::vector<pollfd> watched;
     for (const Peer& peer : peers_)
-      watched.push_back({peer.socket.fd(), static_cast<short>(peer.writing ? POLLIN | POLLOUT : POLLIN), 0});
+      watched.push_back({peer.socket.fd(), static_cast<short>(POLLIN | POLLRDHUP | (peer.writing ? POLLOUT : 0)), 0});
     const std::size_t peers = watched.size();
     if (listener_) watched.push_back({listener_.fd(), POLLIN, 0});
     if (connecting_) watched.push_back({connecting_.fd(), POLLOUT, 0});
     (void)::poll(watched.data(), watched.size(), static_cast<int>(timeout.count()));
     const TimeUs now = steady_now_us();
+    bool ends = false;  // One that has ended, of which there may still be something to read.
     for (std::size_t i = peers; i-- > 0;) {
       Peer& peer = peers_[i];
       const bool reads = (watched[i].revents & (POLLIN | POLLERR | POLLHUP)) != 0;
+      ends |= (watched[i].revents & POLLRDHUP) != 0;
       if ((reads && !read_from(peer, now, on_bytes)) || !write_to(peer, now)) drop(i);
     }
     if (watched.size() > peers && watched.back().revents != 0) {
-      if (listener_)
-        accept(now);
-      else
+      if (!listener_)
         finish_connecting(now);
+      else if (!ends || peers_.size() < options_.max_peers)  // Else its place is free soon.
+        accept(now);
     }
   }
 
