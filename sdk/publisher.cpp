@@ -731,7 +731,7 @@ class BrokerPublisher final : public Publisher {
   TimeUs progress_us_ = 0;
   std::unique_ptr<AssetUploader> segment_uploader_;  ///< Once there was something to upload.
   Stats stats_;
-  // In place of the one of stats_; written by whoever holds mutex_.
+  // In place of the one of stats_; written while mutex_ is held.
   std::atomic<State> state_ = State::kConnecting;
   std::uint64_t saved_before_ = 0, memory_before_ = 0;  ///< Of memories in assets before this one.
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
