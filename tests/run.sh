@@ -48,5 +48,5 @@ else
   build bench || failed=1
   build tidy || failed=1
 fi
-python3 tests/support/skips.py "${reports[@]}"
+python3 tests/support/summary.py "${reports[@]}"
 exit $failed

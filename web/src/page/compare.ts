@@ -49,7 +49,7 @@ export function otherTime(timeUs: number, first: History, second: History): numb
 export function compare(view: View, broker: Broker, name: string, profile: Profile, make: typeof part): HTMLElement {
   const said = make('p', { class: 'figures compared', role: 'status' }, `comparing with ${name}`), { live } = view;
   const one: Stream = live.stream, other = broker.watch(name, { profile, isPreview: true }), first = new History(), second = new History();
-  let fault = '', rms = 0;
+  let fault = '';
   one.on('pose', (pose) => first.add(pose));
   other.on('pose', (pose) => second.add(pose));
   other.on('error', ({ message }) => (fault = message));
@@ -57,15 +57,14 @@ export function compare(view: View, broker: Broker, name: string, profile: Profi
     if (live.shownUs === undefined || one.surface?.asset !== other.surface?.asset) return undefined;
     return second.at(otherTime(Number(live.shownUs), first, second));
   };
-  live.compared = (squares) => (rms = Math.sqrt(squares));
   view.setStyle({ colour: 'difference' });
   setInterval(() => {
-    const { surface } = one, numbers = view.style.colour === 'difference' ? live.drawn?.rebuilt.numbers : undefined;
+    const { surface } = one, { rebuilt, numbered } = (view.style.colour === 'difference' && live.drawn) || {}, numbers = rebuilt?.numbers;
     if (fault === '' && surface && other.surface && surface.asset !== other.surface.asset) said.textContent = `${name} shows another surface: only streams of one surface can be compared`;
-    else if (fault !== '' || !surface || !numbers) said.textContent = fault || `comparing with ${name}: ${other.status?.detail ?? ''}`;
+    else if (fault !== '' || !surface || !numbers || !numbered) said.textContent = fault || `comparing with ${name}: ${other.status?.detail ?? ''}`;
     else {
       const { boxLow, boxHigh, area } = surface.facts, diagonal = Math.hypot(...boxLow.map((low, d) => boxHigh[d]! - low)), percent = (x: number): string => `${Number(((100 * x) / diagonal).toPrecision(3))} %`;
-      said.textContent = `difference from ${name}: rms ${percent(rms / Math.sqrt(area))}, largest ${percent(numbers.reduce((most, value) => Math.max(most, value), 0))} of the diagonal`;
+      said.textContent = `difference from ${name}: rms ${percent(Math.sqrt(numbered.reduce((sum, value) => sum + value * value, 0) / area))}, largest ${percent(numbers.reduce((most, value) => Math.max(most, value), 0))} of the diagonal`;
     }
   }, EVERY_MS);
   return said;

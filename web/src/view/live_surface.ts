@@ -17,6 +17,8 @@ export interface Drawn {
   rebuilt: Rebuilt;
   isCloud: boolean;
   area: number;
+  /** Whose lengths or values its numbers are: rank x 3, or rank. */
+  numbered: Float64Array | undefined;
 }
 
 /**
@@ -55,9 +57,8 @@ export class LiveSurface {
   bands = 0;
   posesShown = 0;
   isPaused = false;
-  /** Of a stream that this one is compared with: rank x 3, at the time that is shown; and who hears of the squares. */
+  /** Of a stream that this one is compared with: rank x 3, at the time that is shown. */
   other: (() => Float64Array | undefined) | undefined;
-  compared: ((squares: number) => void) | undefined;
   /** Date.now() of the last pose that came. */
   newestMs: number | undefined;
 
@@ -221,12 +222,13 @@ export class LiveSurface {
     let used = coefficients.length;
     while (used > 0 && coefficients[used - 1] === 0) --used;
     const spare = this.#spare, had = this.#version, painter = this.#painter;
+    const numbers = painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info, live: this });
     this.#spare = undefined;
     this.#isInFlight = true;
     try {
       const rebuilt = await this.stream.rebuild({
         coefficients, channels, level, rank: Math.max(1, Math.ceil(used / channels)), trianglesVersion: had, isTextured: this.#isTextured, pxPerUnit, points: this.#points,
-        numbers: painter?.of({ coefficients, channels, rest: surface.rest, timeUs: this.#shownUs, info: this.stream.info, live: this }),
+        numbers,
         ...(spare ? { room: { positions: spare.positions.buffer as ArrayBuffer, normals: spare.normals?.buffer as ArrayBuffer } } : {}),
       });
       if (this.#isClosed) return;
@@ -236,7 +238,7 @@ export class LiveSurface {
       this.#isStale ||= rebuilt.isMoving;
       this.#spare = this.#drawn?.rebuilt;
       if (rebuilt.range) painter?.include(rebuilt.range);
-      this.#drawn = { rebuilt, isCloud: surface.facts.faceTotal === 0, area: surface.facts.area };
+      this.#drawn = { rebuilt, isCloud: surface.facts.faceTotal === 0, area: surface.facts.area, numbered: numbers?.coefficients };
       this.#changed(this.#drawn);
     } catch (error) {
       if (!(error instanceof EigencastError)) throw error;  // Another surface is on its way.

@@ -25,7 +25,7 @@ export interface NumberedPose {
   rest: Float64Array;
   timeUs: bigint | undefined;
   info: StreamInfo | undefined;
-  live?: Pick<LiveSurface, 'other' | 'compared'>;
+  live?: Pick<LiveSurface, 'other'>;
 }
 
 const COLOURS: Record<ColourMap, readonly number[]> = { viridis: kViridis, cividis: kCividis, coolwarm: kCoolwarm, turbo: kTurbo, grey: kGrey };
@@ -71,9 +71,7 @@ export class NumberPainter {
     if (this.#colour === 'movement') return { coefficients: columnsOf(pose, 0, 3).map((value, i) => value - pose.rest[i]!), isLength: true };
     if (this.#colour === 'difference') {
       const other = pose.live?.other?.(), difference = columnsOf(pose, 0, 3).map((value, i) => value - other?.[i]!);
-      if (!other || other.length !== difference.length) return undefined;
-      pose.live!.compared?.(difference.reduce((sum, value) => sum + value * value, 0));
-      return { coefficients: difference, isLength: true };
+      return other?.length === difference.length ? { coefficients: difference, isLength: true } : undefined;
     }
     if (this.#colour === 'speed') return { coefficients: this.#speed(pose), isLength: true };
     const known = pose.info?.format?.scalars ?? [], which = this.#colour.slice('channel:'.length);
