@@ -36,10 +36,13 @@ export class Player implements Playing {
   #shown: ShownPose | undefined;
   #askedUntilUs = -1;
   #readUntilUs = -1;
-  readonly #read: (fromUs: number, untilUs: number) => void;
+  /** Poses on their way since before the last seek are none of its. */
+  #seeks = 0;
+  #isSought = false;
+  readonly #read: (fromUs: number, untilUs: number, seek: number) => void;
 
-  /** read  asks for the poses of a time, which come by add(), then done() */
-  constructor(durationUs: number, read: (fromUs: number, untilUs: number) => void) {
+  /** read  asks for the poses of a time: with another `seek` from there, else on from what it asked for last. sought(seek) comes, add(), then done() */
+  constructor(durationUs: number, read: (fromUs: number, untilUs: number, seek: number) => void) {
     this.durationUs = durationUs;
     this.#read = read;
     this.seek(0);
@@ -67,6 +70,8 @@ export class Player implements Playing {
     if (!isThere) {
       this.#poses = [];
       this.#readUntilUs = this.#askedUntilUs = -1;
+      this.#isSought = false;
+      ++this.#seeks;
     }
     this.#askAhead();
   }
@@ -77,9 +82,13 @@ export class Player implements Playing {
     const next = by > 0 ? poses.find(({ timeUs }) => timeUs > at + 1) : poses.filter(({ timeUs }) => timeUs < at - 1).at(-1);
     this.seek(next?.timeUs ?? at + by * 33_333);
   }
+  /** Poses from the place of a seek follow. */
+  sought(seek: number): void {
+    this.#isSought ||= seek === this.#seeks;
+  }
   /** What was asked for has come. */
   done(untilUs: number): void {
-    this.#readUntilUs = Math.max(this.#readUntilUs, untilUs);
+    if (this.#isSought) this.#readUntilUs = Math.max(this.#readUntilUs, untilUs);
   }
 
   set(): void {}
@@ -94,6 +103,7 @@ export class Player implements Playing {
     this.#shown = undefined;
   }
   add(timeUs: bigint, _arrivalUs: bigint, coefficients: ArrayLike<number>): boolean {
+    if (!this.#isSought) return false;
     const time = Number(timeUs), last = this.#poses.at(-1);
     if (last && time <= last.timeUs) this.#poses = this.#poses.filter((pose) => pose.timeUs < time);
     this.#poses.push({ timeUs: time, coefficients: Float64Array.from(coefficients) });
@@ -134,7 +144,7 @@ export class Player implements Playing {
     const ahead = AHEAD_US * Math.max(1, this.#speed), from = this.#positionUs;
     if (this.#askedUntilUs >= Math.min(from + ahead / 2, this.durationUs)) return;
     this.#askedUntilUs = from + ahead;
-    this.#read(from, this.#askedUntilUs);
+    this.#read(from, this.#askedUntilUs, this.#seeks);
   }
 }
 
@@ -161,9 +171,10 @@ export async function openRecording(what: Blob | string): Promise<Opened> {
   const { stream: name, durationUs, startedMs } = await opened;
   const stream = new Stream(name, 1, post, () => worker.terminate());
   post({ op: 'watch', key: 1, stream: name, profile: {}, maxBytes: 2 ** 30 });
-  const player = new Player(durationUs, (fromUs, untilUs) => post({ op: 'read', fromUs, untilUs }));
+  const player = new Player(durationUs, (fromUs, untilUs, seek) => post({ op: 'read', fromUs, untilUs, seek }));
   worker.onmessage = ({ data }: MessageEvent<ToPlayer>) => {
-    if (data.op === 'read') player.done(data.untilUs);
+    if (data.op === 'sought') player.sought(data.seek);
+    else if (data.op === 'read') player.done(data.untilUs);
     else if (data.op !== 'opened') stream.receive(data);
   };
   stream.playout = player;

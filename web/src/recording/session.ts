@@ -9,13 +9,19 @@ import type { Observer, Pose } from '../client/subscription.js';
 import { SurfaceSource, type Limits } from '../client/surface_source.js';
 import type { RecordingReader } from './reader.js';
 
-/** Of a recording, when there is something to play, and when what was asked for has come. */
-export type ToPlayer = ToPage | { op: 'opened'; stream: string; startedMs: number; durationUs: number } | { op: 'read'; fromUs: number; untilUs: number };
+/** Poses of a time: with another `seek` than before from there, else on from what was asked for last. */
+export interface Read {
+  fromUs: number;
+  untilUs: number;
+  seek: number;
+}
+/** Of a recording, when there is something to play, when what was sought follows, and when what was asked for has come. */
+export type ToPlayer = ToPage | { op: 'opened'; stream: string; startedMs: number; durationUs: number } | ({ op: 'sought' } & Read) | ({ op: 'read' } & Read);
 
 const BROKER = { base: 'http://recording', token: '' };
 const COUNTS = { keys: 0, synthetic: 0, joins: 0, rejected: 0, missed: 0 };
 /** A capture time counts from an earlier one where both lie as far apart as their arrivals, but for so much: sdk/recorded_clip.cpp. */
-const JITTER_US = 250_000;
+const JITTER_US = 1_000_000;
 
 type Announce = Required<Pick<StreamInfo, 'asset' | 'format' | 'key_rate_hz'>> & { world?: number[]; op: 'announce' };
 const READERS = {
@@ -39,6 +45,7 @@ export class RecordedStream {
   #announced = -1;
   #surfaceCame = (): void => {};
   #asked = 0;
+  #seek: number | undefined;
   #queue: Promise<void> = Promise.resolve();
   /** Poses from here until there are read; the next record. */
   #fromUs = 0;
@@ -64,21 +71,25 @@ export class RecordedStream {
     this.surfaces.end();
     void this.#queue.then(() => this.#frames.free());
   }
-  /** Poses from the last checkpoint at or before a time on; those that follow what was read are read on from there. Newer asking ends older. */
-  read(fromUs: number, untilUs: number, done: () => void): Promise<void> {
+  /** Poses from the last checkpoint at or before a time on. Newer asking ends older. */
+  read({ fromUs, untilUs, seek }: Read, say: (what: 'sought' | 'read') => void): Promise<void> {
     const mine = ++this.#asked;
     return (this.#queue = this.#queue.then(async () => {
       if (mine !== this.#asked) return;
-      if (fromUs < this.#fromUs || fromUs > this.#untilUs) await this.#seek(fromUs);
+      if (seek !== this.#seek || fromUs < this.#fromUs || fromUs > this.#untilUs) {
+        await this.#goTo(fromUs);
+        this.#seek = seek;
+        say('sought');
+      }
       while (mine === this.#asked && this.#untilUs < untilUs) if (!(await this.#step(fromUs))) break;
-      if (mine === this.#asked) done();
+      if (mine === this.#asked) say('read');
     }).catch((error: unknown) => {
       this.#untilUs = -1;
       this.#tell('refused', (error as Error).message);
     }));
   }
 
-  async #seek(timeUs: number): Promise<void> {
+  async #goTo(timeUs: number): Promise<void> {
     const entry = this.#reader.entryAt(timeUs);
     this.#untilUs = -1;
     this.#anchor = this.#last = undefined;

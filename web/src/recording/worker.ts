@@ -7,7 +7,7 @@ import { RecordedSession, type ToPlayer } from './session.js';
 
 // The worker of a page that plays a recording.
 
-export type FromPlayer = ToWorker | { op: 'open'; what: Blob | string; module: WebAssembly.Module } | { op: 'read'; fromUs: number; untilUs: number };
+export type FromPlayer = ToWorker | { op: 'open'; what: Blob | string; module: WebAssembly.Module } | { op: 'read'; fromUs: number; untilUs: number; seek: number };
 
 const port = globalThis as unknown as { onmessage: ((event: MessageEvent<FromPlayer>) => void) | null; postMessage(message: ToPlayer, transfer?: Transferable[]): void };
 let session: RecordedSession | undefined;
@@ -20,6 +20,6 @@ async function open(what: Blob | string, module: WebAssembly.Module): Promise<vo
 
 port.onmessage = ({ data }) => {
   if (data.op === 'open') open(data.what, data.module).catch((error: Error) => port.postMessage({ op: 'failed', key: 0, code: 'corrupt', message: error.message }));
-  else if (data.op === 'read') void session?.stream?.read(data.fromUs, data.untilUs, () => port.postMessage({ op: 'read', fromUs: data.fromUs, untilUs: data.untilUs }));
+  else if (data.op === 'read') void session?.stream?.read(data, (op) => port.postMessage({ ...data, op }));
   else session?.receive(data);
 };

@@ -155,11 +155,10 @@ async function played(bytes) {
   session.receive({ op: 'watch', key: 1, stream: 'lab/horse', profile: {}, maxBytes: 2 ** 28 });
   return {
     said,
-    read: async (fromUs, untilUs) => {
-      const before = said.length;
-      let isDone = false;
-      await session.stream.read(fromUs, untilUs, () => (isDone = true));
-      return { isDone, poses: said.slice(before).filter(({ op }) => op === 'pose').map(({ pose }) => [pose.coefficients[0], Number(pose.captureUs)]) };
+    read: async (fromUs, untilUs, seek = 1) => {
+      const before = said.length, told = [];
+      await session.stream.read({ fromUs, untilUs, seek }, (what) => told.push(what));
+      return { isDone: told.at(-1) === 'read', isSought: told[0] === 'sought', poses: said.slice(before).filter(({ op }) => op === 'pose').map(({ pose }) => [pose.coefficients[0], Number(pose.captureUs)]) };
     },
     end: () => session.receive({ op: 'end' }),
   };
@@ -170,7 +169,12 @@ test('PosesOfAnyTimeComeAsTheirSenderHadThem', async () => {
   const first = await read(0, 1_000_000);
   assert.ok(first.isDone);
   assert.deepEqual(first.poses, Array.from({ length: 11 }, (_, f) => [f, 100_000 * f]), 'without the jitter of their arrival');
-  assert.deepEqual((await read(1_000_000, 1_400_000)).poses.map(([f]) => f), [11, 12, 13, 14], 'on from there');
+  assert.ok(first.isSought);
+  const on = await read(1_000_000, 1_400_000);
+  assert.deepEqual(on.poses.map(([f]) => f), [11, 12, 13, 14], 'on from there');
+  assert.ok(!on.isSought);
+  assert.deepEqual((await read(1_100_000, 1_200_000, 2)).poses.map(([f]) => f), [10, 11, 12], 'once more, for who has kept nothing');
+  await read(1_200_000, 1_400_000, 2);
   assert.deepEqual((await read(2_450_000, 2_600_000)).poses.map(([f]) => f), [20, 21, 22, 23, 24, 25, 26], 'from the checkpoint before');
   assert.deepEqual((await read(1_600_000, 1_700_000)).poses.map(([f]) => f), [15, 16, 17], 'behind another announcement');
   assert.deepEqual((await read(100_000, 200_000)).poses.map(([f]) => f), [0, 1, 2]);
@@ -192,9 +196,10 @@ test('WithoutItsSurfaceItSaysWhatHelps', async () => {
 
 /** A player, whose poses have their time in tenths of seconds everywhere, and what it asked for. */
 function player(seconds = 10) {
-  const asked = [], made = new Player(1e6 * seconds, (fromUs, untilUs) => asked.push([fromUs, untilUs]));
+  const asked = [], made = new Player(1e6 * seconds, (...read) => asked.push(read));
   const give = () => {
-    for (const [fromUs, untilUs] of asked.splice(0)) {
+    for (const [fromUs, untilUs, seek] of asked.splice(0)) {
+      made.sought(seek);
       for (let f = Math.floor(fromUs / 100_000); 100_000 * f <= Math.min(untilUs, made.durationUs); ++f) made.add(BigInt(100_000 * f), 0n, [f], 255, false);
       made.done(untilUs);
     }
@@ -242,6 +247,21 @@ test('APlayerWaitsForWhatIsSought', () => {
   assert.equal(made.positionUs, 10e6);
 });
 
+test('PosesFromBeforeASeekAreNotOfIt', () => {
+  const { made, give, asked } = player();
+  give();
+  made.seek(9_000_000);
+  const late = asked.splice(0);
+  made.isPlaying = false;
+  made.seek(0);
+  made.sought(late[0][2]);
+  assert.equal(made.add(9_000_000n, 0n, [90], 255, false), false);
+  made.done(10e6);
+  give();
+  near(made.at(2_000_000n).coefficients[0], 0);
+  assert.equal(made.positionUs, 0);
+});
+
 test('APlayerLoopsOrHoldsItsLastPose', () => {
   const { made, at, give } = player(1);
   give();
@@ -254,7 +274,9 @@ test('APlayerLoopsOrHoldsItsLastPose', () => {
 });
 
 test('NothingIsInterpolatedOverAGap', () => {
-  const made = new Player(60e6, () => {});
+  let asked;
+  const made = new Player(60e6, (_from, _until, seek) => (asked = seek));
+  made.sought(asked);
   made.add(0n, 0n, [0], 255, false);
   made.add(20_000_000n, 0n, [1], 255, false);
   made.done(30e6);
