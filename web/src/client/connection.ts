@@ -218,7 +218,8 @@ export class BrokerConnection {
     this.#down = undefined;
     this.#clock.reset();  // It may be another broker.
     this.#lastAckUs = this.#lastPingUs = 0;
-    if (this.#urlStream !== '' && !this.#find(this.#urlStream)) this.#send('unsubscribe', { stream: this.#urlStream });
+    const named = this.#find(this.#urlStream);
+    if (this.#urlStream !== '' && (!named || named.isPaused)) this.#send('unsubscribe', { stream: this.#urlStream });
     for (const stream of [...this.#streams]) {
       stream.id = stream.ack = stream.askAgainAtUs = undefined;
       stream.listener.onOpen();

@@ -27,9 +27,11 @@ export class MemoryFetcher {
   async remember({ generation, kept, segments }: Remember): Promise<void> {
     if (this.over.aborted) return;
     const fits = kept <= this.#segments.length && kept + segments.length <= MAX_SEGMENTS;
-    if (!fits || kept < this.#segments.length) this.#forget();
+    const next = [...this.#segments.slice(0, kept), ...segments];
+    // What is named again stays: acknowledgements of before a pause may arrive after it, and say that it is here.
+    if (!fits || this.#segments.some((id, i) => id !== next[i])) this.#forget();
     if (!fits) throw new EigencastError('corrupt', 'the broker contradicts itself');
-    this.#segments = [...this.#segments.slice(0, kept), ...segments];
+    this.#segments = next;
     this.#generation = generation;
     if (!this.#fetcher) await this.#run((this.#fetcher = this.newFetcher()));
   }

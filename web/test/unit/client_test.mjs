@@ -45,6 +45,14 @@ test('OneStreamIsNamedInTheUrlOfItsConnection', async () => {
   assert.equal(fake.last.protocol, 'eigencast.v2');
 });
 
+test('AStreamThatIsPausedBeforeItIsConnectedBringsNoPoses', async () => {
+  const stream = broker.watch('lab/horse');
+  stream.pause();
+  await until(() => fake.last && said(fake.last, 'unsubscribe').length === 1);
+  stream.resume();
+  await until(() => said(fake.last, 'subscribe').length === 1);
+});
+
 test('SeveralStreamsShareAConnection', async () => {
   const streams = ['a', 'b', 'c'].map((name) => broker.watch(name));
   await until(() => fake.last && said(fake.last, 'subscribe').length >= 2);
@@ -436,6 +444,34 @@ test('TheMemoryOfAStreamIsFetchedAcknowledgedAndForgotten', async () => {
   remember(9, 0, ids);
   await holds(9);
   assert.equal(fetched().length, before + ids.length, 'nothing of it was kept');
+});
+
+// A page that is hidden and shown at once acknowledges frames of before, to a broker that takes these for the new ones'.
+test('AMemoryStaysOverAPause', async () => {
+  const { memory, format, frames, expected } = goldenStreams().find((one) => one.memory);
+  const ids = memory.segments.map((segment) => core.sha256(segment));
+  memory.segments.forEach((segment, i) => fake.objects.set(ids[i], segment));
+  const { stream_id, tag } = expected[0], info = live({ asset: memory.asset, format, stream_id, tag, epoch: 1 }), remember = { op: 'remember', stream: 'lab/horse', generation: 4, segments: ids };
+  const stream = broker.watch('lab/horse');
+  await until(() => fake.last);
+  fake.say(info);
+  fake.say(remember);
+  await until(() => (fake.send(frames[0]), said(fake.last, 'ack').at(-1)?.items[0].generation === 4), 'the memory');
+  fake.objects.clear();
+  const recalled = frames.find((frame, i) => expected[i].kind === 'join' && (frame[0] & 32) !== 0);
+  stream.pause();
+  stream.resume();
+  await until(() => said(fake.last, 'subscribe').length === 1);
+  assert.equal(said(fake.last, 'unsubscribe').length, 1);
+  fake.say(info);
+  fake.say({ ...remember, generation: 5 });
+  fake.say({ op: 'ping', id: 1, time_us: 1 });
+  await until(() => said(fake.last, 'pong').length > 0);
+  fake.send(recalled);
+  fake.say({ ...info, state: 'stalled' });  // What is counted comes with it.
+  await until(() => stream.status.state === 'stalled');
+  assert.equal(stream.status.counts.rejected, 0);
+  await until(() => (fake.send(frames[0]), said(fake.last, 'ack').at(-1)?.items[0].generation === 5), 'the same memory, by its new number');
 });
 
 test('ScalarChannelsAreReadAndChecked', () => {
