@@ -12,18 +12,13 @@
 
 #include "client/clip_source.h"
 #include "client/hud_text.h"
-#include "client/open_source.h"
+#include "client/raw_options.h"
 #include "client/settings.h"
-#include "common/command_line/command_line.h"
-#include "common/surface/formats/read.h"
 #include "sdk/asset_cache.h"
-#include "sdk/contexts.h"
-#include "sdk/recorded_clip.h"
 
 namespace eigencast {
 namespace {
 
-constexpr const char* kLocalBroker = "ws://127.0.0.1:7490";
 constexpr const char* kExamples =
     R"(eigencast-client                                        # this machine's one live stream, or what to choose from
 eigencast-client horse.obj                              # a file, a folder or a scene, without a broker
@@ -36,7 +31,7 @@ eigencast-client list http://host:7490                  # the streams of a broke
 eigencast-client --compare http://host:7490/a http://host:7490/b  # how far apart two streams of one surface are
 eigencast-client view heart                             # a built-in shape: heart, bar, torus, sphere
 eigencast-client --headless --frames 90 --out pictures  # no display needed
-eigencast-client horse.obj --film horse.mp4             # every picture at its time; --turntable 12 goes round it
+eigencast-client fox.glb --film fox.mp4                 # every picture at its time; --turntable 12 goes round it
 eigencast-client completion bash                        # or zsh: a script for your shell
 )";
 constexpr const char* kExitStatus = R"(0 good
@@ -44,14 +39,6 @@ constexpr const char* kExitStatus = R"(0 good
 2 wrong usage
 4 no stream came, or the broker said no
 )";
-
-struct RawOptions {
-  std::string reconstruct = "auto", scene, resolver, quality, size = "1280x720", colour = "auto",
-              colour_map = "viridis", colour_range, normals = "crease", rate, scheme, playout = "latest", context, film;
-  Credentials credentials;
-  int k = 3, bands = 8;
-  double crease_deg = 40, delay_ms = 0, smooth = 1, ahead_ms = 200, fps = 60, seconds = 0;
-};
 
 bool size_from_text(const std::string& text, int& width, int& height) {
   char rest = 0;
@@ -88,233 +75,6 @@ std::string read_style(const RawOptions& raw, Style& style) {
       !(std::isfinite(low) && std::isfinite(high)))
     return "--colour-range " + raw.colour_range + ": give the lowest and the highest value, such as 0,0.5";
   style.colour_range = {low, high};
-  return {};
-}
-
-/// Options win over the URL.
-Result<std::optional<Profile>> profile_from(const CommandLine& line, const std::string& url, const RawOptions& raw) {
-  const Result<BrokerUrl> parsed = parse_broker_url(url);
-  if (!parsed) return parsed.error();
-  const Result<Profile> asked = profile_from_query(parsed->query);
-  if (!asked) return asked.error();
-  const bool makes = line.has("--k") || line.has("--scheme");
-  if (!makes && !line.has("--rate") && !line.has("--bands")) return std::optional<Profile>();
-  Profile profile = *asked;
-  if (line.has("--k")) profile.k = static_cast<std::uint8_t>(raw.k);
-  if (line.has("--bands")) profile.bands = static_cast<std::uint8_t>(raw.bands);
-  if (line.has("--rate")) {
-    const Profile::Rate rate = kRateNames.find(raw.rate).value_or(Profile::Rate::kInterpolated);
-    if (rate != profile.rate) profile.scheme = default_scheme(rate);
-    profile.rate = rate;
-  }
-  if (line.has("--scheme")) profile.scheme = *kSchemeNames.find(raw.scheme);
-  if (profile.rate == Profile::Rate::kRaw && makes) {
-    return fail(ErrorCode::kInvalidArgument,
-                "--k and --scheme say how the broker makes poses, but rate raw asks for the keys alone; leave them "
-                "out, or ask for --rate interpolated or estimated");
-  }
-  if (const auto checked = check_profile(profile); !checked) return checked.error();
-  return std::optional<Profile>(profile);
-}
-
-std::string origin_of(const std::string& url) {
-  const auto parsed = parse_broker_url(url);
-  return parsed ? parsed->origin() : std::string();
-}
-
-/// Resolves names and contexts to a URL with credentials. home: the broker that gets token and certificate of the
-/// command line; empty: this stream's, which it is set to. Other brokers get what the contexts hold for them.
-Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::string& home) {
-  const auto contexts = Contexts::load(Contexts::default_path());
-  if (!contexts) return contexts.error();
-  const bool nothing = stream.empty() && contexts->find(raw.context) == nullptr && raw.context.empty();
-  const std::string to = nothing ? kLocalBroker : stream;
-  const auto meant = resolve_target(to, {}, raw.context, *contexts);
-  if (!meant) return meant.error();
-  const std::string broker = origin_of(meant->url);
-  if (home.empty()) home = raw.context.empty() ? broker : origin_of(contexts->find(raw.context)->url);
-  Credentials given = raw.credentials;
-  if (broker != home) given = {"", raw.credentials.ca_file};
-  auto target = resolve_target(to, given, raw.context, *contexts);
-  if (!target) return target.error();
-  const auto url = parse_broker_url(target->url);
-  if (!url || url->credentials.token.empty()) return target;
-  // Reports and titles show the URL: the token goes out of it.
-  if (target->credentials.token.empty()) target->credentials.token = url->credentials.token;
-  target->url = url->origin() + (url->prefix.empty() ? "" : url->prefix + "/v1/subscribe") + "/" + url->stream +
-                (url->query.empty() ? "" : "?" + url->query);
-  return target;
-}
-
-/// A word that can only be a path, by its beginning or its ending, must be there.
-Result<void> check_stream_word(const std::string& word) {
-  if (word.find("://") != std::string::npos) return {};
-  if (word.starts_with('/') || word.starts_with('.') || word.starts_with('~'))
-    return fail(ErrorCode::kNotFound, word + ": no such file or folder");
-  if (!kind_of_file(word) && !is_recording(word)) return {};
-  return fail(ErrorCode::kNotFound,
-              word + ": no such file (a stream that ends so is given by its URL, http://HOST:7490/NAME)");
-}
-
-/// Words that are paths become clips, or the scene that one of them holds.
-Result<void> read_words(SceneDescription& scene) {
-  std::vector<std::string>& words = scene.streams;
-  const bool files_only = !words.empty() && words.front() == "view";
-  if (files_only) words.erase(words.begin());
-  if (files_only && words.empty())
-    return fail(ErrorCode::kInvalidArgument, "view: name a file, a folder, a glob or a built-in shape, such as heart");
-  for (std::string& word : words) {
-    const Wanted wanted = files_only ? Wanted{Wanted::Kind::kClip, "file:" + word} : wanted_from_word(word);
-    if (wanted.kind == Wanted::Kind::kScene && words.size() > 1)
-      return fail(ErrorCode::kInvalidArgument, word + ": a scene file names all streams; give it alone");
-    if (wanted.kind == Wanted::Kind::kScene) return store(scene, read_scene_file(wanted.what));
-    if (wanted.kind == Wanted::Kind::kClip) word = wanted.what;
-    if (wanted.kind != Wanted::Kind::kStream) continue;
-    if (const auto good = check_stream_word(word); !good) return good;
-  }
-  return {};
-}
-
-/// "list", and a broker: by its URL, or that of the context, or this machine's.
-Result<void> find_listed(const RawOptions& raw, ClientOptions& options) {
-  const std::vector<std::string> words = std::exchange(options.scene.streams, {});
-  if (words.size() > 2) return fail(ErrorCode::kInvalidArgument, "list: name one broker, such as http://host:7490");
-  options.list = true;
-  std::string home, url;
-  const char* const usual = std::getenv("EIGENCAST_URL");  // which says streams where none are named
-  const std::string named = words.size() == 2 ? words[1] : usual != nullptr && raw.context.empty() ? usual : "";
-  if (!named.empty()) {
-    const auto broker = parse_broker_url(named);
-    if (!broker) return broker.error();
-    url = named.find("://") != std::string::npos ? named : broker->origin() + "/" + broker->stream;
-  }
-  return store(options.home, resolve(url, raw, home));
-}
-
-Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
-  SceneDescription& scene = options.scene;
-  if (!scene.streams.empty() && scene.streams.front() == "list") return find_listed(raw, options);
-  if (!raw.scene.empty()) {
-    if (!scene.streams.empty())
-      return fail(ErrorCode::kInvalidArgument, "--scene names the streams; leave those of the command line out");
-    if (const auto read = store(scene, read_scene_file(raw.scene)); !read) return read;
-  } else if (const auto read = read_words(scene); !read) {
-    return read;
-  }
-  std::string home, broker;
-  if (!options.compare.empty()) {
-    SceneDescription other;
-    other.streams = {options.compare};
-    if (const auto read = read_words(other); !read) return read;
-    if (other.streams.size() != 1 || scene.streams.size() != 1)
-      return fail(ErrorCode::kInvalidArgument, "--compare A B: two streams, recordings or files of one surface");
-    options.compare = other.streams.front();
-  }
-  if (scene.streams.size() == 1 && scene.streams.front().find("://") != std::string::npos) {
-    // A broker without a stream.
-    const auto url = parse_broker_url(scene.streams.front());
-    if (!clip_in(scene.streams.front()) && url && url->stream.empty()) broker = scene.streams.front();
-    if (!broker.empty()) scene.streams.clear();
-  }
-  if (scene.streams.empty()) {
-    if (const auto found = store(options.home, resolve(broker, raw, home)); !found) return found;
-    const auto url = parse_broker_url(options.home.url);
-    if (!url || url->stream.empty()) return {};
-    scene.streams = {options.home.url};
-    options.credentials = {options.home.credentials};
-    return {};
-  }
-  for (std::string& stream : scene.streams) {
-    Target target{stream, {}};
-    if (!clip_in(stream)) {
-      if (const auto resolved = store(target, resolve(stream, raw, home)); !resolved) return resolved;
-    }
-    stream = target.url;
-    options.credentials.push_back(target.credentials);
-  }
-  if (options.compare.empty() || clip_in(options.compare)) return {};
-  const auto other = resolve(options.compare, raw, home);
-  if (!other) return other.error();
-  options.compare = other->url;
-  options.compare_credentials = other->credentials;
-  return {};
-}
-
-std::size_t files_in(const std::vector<std::string>& streams) {
-  const auto is_file = [](const std::string& stream) { return clip_in(stream).has_value(); };
-  return static_cast<std::size_t>(std::count_if(streams.begin(), streams.end(), is_file));
-}
-
-/// An option that would do nothing where it stands.
-Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const ClientOptions& options) {
-  const std::size_t streams = options.scene.streams.size(), files = files_in(options.scene.streams);
-  const bool files_only = streams > 0 && files == streams, no_files = streams > 0 && files == 0;
-  const Colouring colouring = options.style.colour.colouring;
-  const bool numbers = colouring == Colouring::kMovement || colouring == Colouring::kSpeed ||
-                       colouring == Colouring::kChannel || colouring == Colouring::kError;
-  const bool endless = options.frames == 0, film = options.film.has_value();
-  constexpr const char* kOfBrokers = "is for streams of brokers; files are read here";
-  const struct {
-    std::vector<const char*> options;
-    bool useless;
-    const char* why;
-  } uses[] = {
-      {{"--watch"}, options.headless, "is for the window; headless a file is read once"},
-      {{"--watch"}, no_files, "is for files; a stream follows its sender anyway"},
-      {{"--settings"}, options.headless, "is what the window remembers; --headless remembers nothing"},
-      {{"--out"}, !options.headless, "is for --headless; in the window use --screenshot or key S"},
-      {{"--hud", "--wait", "--first"}, !options.headless, "is for --headless"},
-      {{"--first"}, endless, "goes with --frames"},
-      {{"--fps", "--seconds"}, !film, "goes with --film"},
-      {{"--frames", "--duration"}, film, "is for live pictures; --seconds says how long a film is"},
-      {{"--out", "--screenshot"}, film, "is for live pictures; --film says where its own go"},
-      {{"--resolver", "--target-fps", "--playout"}, film, "is for live pictures; a film takes the time that it takes"},
-      {{"--record", "--record-shown", "--room"}, film, "is for live pictures"},
-      {{"--room", "--sync"}, files_only, kOfBrokers},
-      {{"--sync"}, film, "is for live pictures"},
-      {{"--smooth", "--delay"},
-       !options.sync.empty(),
-       "says how long poses are held, which --sync leaves to the broker"},
-      {{"--name"}, options.room.empty() && std::getenv("EIGENCAST_NAME") == nullptr, "goes with --room"},
-      {{"--truth"}, film, "is for live pictures; a file that is filmed is its own"},
-      {{"--compare"}, film, "is for live pictures"},
-      {{"--truth"}, !options.compare.empty(), "and --compare both say what colours compare with; give one of them"},
-      {{"--wait"}, film && files_only, kOfBrokers},
-      {{"--transparent"},
-       film && options.film->target.kind != FilmTarget::Kind::kPictures,
-       "is for pictures: --film frame_%04d.png"},
-      {{"--turntable"}, options.headless && !film, "is for the window and --film"},
-      {{"--turntable"}, !options.camera_path.empty(), "is overridden by --camera-path"},
-      {{"--ui-scale"}, options.headless && !options.hud, "sizes texts, of which --headless has none without --hud"},
-      {{"--target-fps", "--lod-floor"},
-       options.headless && options.levels.kind == ResolverKind::kNone,
-       "goes with --resolver budget or paper"},
-      {{"--quality"},
-       raw.quality == "auto" && options.levels.kind != ResolverKind::kBudget,
-       "auto goes with --resolver budget"},
-      {{"--colour-map", "--colour-range", "--truth"},
-       options.headless && !numbers,
-       "goes with --colour movement, speed, channel or error"},
-      {{"--rate", "--scheme", "--k", "--bands", "--ca", "--cert", "--key", "--insecure", "--memory"},
-       files_only,
-       kOfBrokers},
-      {{"--context"}, files_only && std::getenv("EIGENCAST_CONTEXT") == nullptr, kOfBrokers},
-      {{"--token"}, files_only && std::getenv("EIGENCAST_TOKEN") == nullptr, kOfBrokers},
-      {{"--smooth", "--delay", "--ahead"},
-       raw.playout == "latest",
-       "is for --playout interpolate or estimate; latest holds nothing back"},
-      {{"--ahead"}, raw.playout == "interpolate", "is for --playout estimate"},
-      {{"--crease"}, raw.normals != "crease", "is for --normals crease"},
-      {{"--view"}, !options.camera_path.empty(), "is overridden by --camera-path"},
-      {{"--scene", "--headless", "--film", "--frames", "--out", "--lod", "--colour"},
-       options.list,
-       "does nothing for list"}};
-  for (const auto& use : uses) {
-    for (const char* option : use.options) {
-      if (use.useless && line.has(option))
-        return fail(ErrorCode::kInvalidArgument, std::string(option) + " " + use.why);
-    }
-  }
   return {};
 }
 
