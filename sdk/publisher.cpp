@@ -7,7 +7,6 @@
 #include <mutex>
 #include <optional>
 
-#include "common/codec/band.h"
 #include "common/codec/recaller.h"
 #include "common/core/text.h"
 #include "common/net/clock_offset.h"
@@ -15,12 +14,9 @@
 #include "common/wire/limits.h"
 #include "sdk/asset_uploader.h"
 #include "sdk/broker.h"
-#include "sdk/key_writer.h"
-#include "sdk/pose_projection.h"
 #include "sdk/send_policy.h"
-#include "sdk/sender_memory.h"
+#include "sdk/sending.h"
 #include "sdk/stream_learner.h"
-#include "sdk/transfer.h"
 
 namespace eigencast {
 
@@ -45,75 +41,6 @@ ErrorCode code_named(std::string_view name) {
   }
   return ErrorCode::kInternal;
 }
-
-std::optional<RateControl> rate_control_of(const PublisherOptions& options, const Asset* asset,
-                                           const Quantiser& quantiser, const StreamFormat& format) {
-  if (asset == nullptr || options.bitrate <= 0) return std::nullopt;
-  return RateControl(options.bitrate, quantiser.half_spacing, static_cast<std::uint8_t>(format.band_ends.size()));
-}
-
-std::optional<MemoryKeeper::Options> keeper_options_of(const PublisherOptions& options, const Asset* asset,
-                                                       const EncodedAsset& encoded, const CoefficientLayout& layout) {
-  if (asset == nullptr || options.memory == MemoryUse::kOff || layout.is_float()) return std::nullopt;
-  return MemoryKeeper::Options{layout, encoded.manifest.id.digest, options.bitrate, options.memory == MemoryUse::kOn};
-}
-
-std::uint8_t multiplied(std::uint8_t half_spacing, double by) {
-  return static_cast<std::uint8_t>(std::clamp(std::lround(half_spacing * by), 0L, long{band::kMaxHalfSpacing}));
-}
-
-/// A surface, and the chain of its poses.
-struct Sending {
-  /// asset  null: of keys alone
-  Sending(const PublisherOptions& options, CodecKind codec, StreamFormat of, std::shared_ptr<const Asset> surface,
-          std::shared_ptr<const EncodedAsset> bytes, double coarser = 1)
-      : asset(std::move(surface)),
-        encoded(std::move(bytes)),
-        format(std::move(of)),
-        quantiser(asset && codec == CodecKind::kQuantised
-                      ? quantiser_for_error(error_bound(options, *asset), asset->area, asset->rank)
-                      : Quantiser{}),
-        projection(asset, options.velocities, format.scalars.size()),
-        writer({codec, format.rows, format.channels, format.band_ends}, quantiser.half_spacing,
-               rate_control_of(options, asset.get(), quantiser, format), multiplied(quantiser.half_spacing, coarser)),
-        memory(writer.layout(), keeper_options_of(options, asset.get(), *encoded, writer.layout())) {}
-
-  const std::shared_ptr<const Asset> asset;
-  const std::shared_ptr<const EncodedAsset> encoded;
-  const StreamFormat format;
-  const Quantiser quantiser;
-  PoseProjection projection;  ///< For the caller's thread alone.
-  KeyWriter writer;
-  SenderMemory memory;
-};
-
-/// From what a surface showed to what its next asset shows, over some keys. Pure.
-class Ramp {
- public:
-  static constexpr int kKeys = 8;
-
-  /// Nothing to ramp where one of them is not of the other's surface.
-  Ramp(const Asset& before, const Asset& after)
-      : back_(Transfer::between(after, before)), forth_(Transfer::between(before, after)) {}
-
-  /// A key of the asset before as the same pose of the one after; empty: there is none.
-  std::vector<double> carried_over(std::span<const double> C, std::size_t channels) const {
-    return forth_ ? forth_->apply(C, channels) : std::vector<double>();
-  }
-  bool is_over() const { return keys_ == kKeys || !back_ || !forth_; }
-  /// (1 - w) of what the asset before would show of C, and w of C. REQUIRES: not is_over().
-  std::vector<double> blended(std::span<const double> C, std::size_t channels) const {
-    const double w = static_cast<double>(keys_ + 1) / kKeys;
-    std::vector<double> mixed = forth_->apply(back_->apply(C, channels), channels);
-    for (std::size_t i = 0; i < mixed.size(); ++i) mixed[i] += w * (C[i] - mixed[i]);
-    return mixed;
-  }
-  void sent() { ++keys_; }
-
- private:
-  std::optional<Transfer> back_, forth_;
-  int keys_ = 0;
-};
 
 class BrokerPublisher final : public Publisher {
  public:
@@ -734,8 +661,8 @@ class BrokerPublisher final : public Publisher {
   // In place of the one of stats_; written while mutex_ is held.
   std::atomic<State> state_ = State::kConnecting;
   std::uint64_t saved_before_ = 0, memory_before_ = 0;  ///< Of memories in assets before this one.
-  std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
-  ClockOffset clock_;              ///< The broker's; learnt while there are traces.
+  std::uint32_t trace_every_ = 0;                       ///< Keys of which the broker wants traces; 0: none.
+  ClockOffset clock_;                                   ///< The broker's; learnt while there are traces.
   TimeUs last_ping_us_ = 0;
   std::uint64_t ping_id_ = 0;
 };
