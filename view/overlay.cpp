@@ -189,8 +189,8 @@ void draw_labels(const std::vector<Label>& labels, const Room& room, float pixel
   }
 }
 
-/// Shrinks to fit, because a part of the help is of no use.
-void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
+/// Shrinks to fit beside a panel, because a part of the help is of no use.
+void draw_help(const std::vector<HelpLine>& lines, const Room& room, float left) {
   if (lines.empty()) return;
   const ImGuiStyle& style = ImGui::GetStyle();
   const ImVec2 cell = style.CellPadding, padding = style.WindowPadding;
@@ -202,10 +202,10 @@ void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
   }
   const float width = widest[0] + widest[1] + widest[2] + between + 6 * cell.x + 2 * padding.x;
   const float height = static_cast<float>(lines.size()) * (ImGui::GetFontSize() + 2 * cell.y) + 2 * padding.y;
-  const float part = std::clamp(0.96F * std::min(room.size.x / width, room.size.y / height), 0.25F, 1.0F);
+  const float part = std::clamp(0.96F * std::min((room.size.x - left) / width, room.size.y / height), 0.25F, 1.0F);
   ImGui::PushStyleVar(ImGuiStyleVar_CellPadding, {part * cell.x, part * cell.y});
   ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, {part * padding.x, part * padding.y});
-  begin_box("help", {0.5F * room.size.x, 0.5F * room.size.y}, {0.5F, 0.5F}, 0.93F);
+  begin_box("help", {0.5F * (left + room.size.x), 0.5F * room.size.y}, {0.5F, 0.5F}, 0.93F);
   ImGui::SetWindowFontScale(part);
   if (ImGui::BeginTable("keys", 3, ImGuiTableFlags_SizingFixedFit)) {
     for (const HelpLine& line : lines) {
@@ -315,7 +315,7 @@ void Overlay::lay_out(const OverlayContent& content, const std::function<void()>
   draw_connection(content, room, right);
   draw_banner(content, room);
   if (panels) panels();
-  draw_help(content.help, room);
+  draw_help(content.help, room, content.left_px);
 }
 
 void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <tuple>
 
 #include "tests/unit/view/offscreen_pictures.h"
@@ -48,7 +49,7 @@ OverlayContent all_texts() {
 
 /// Where two pictures differ.
 struct Changed {
-  int pixels = 0, at_the_edge = 0, lowest = 0;
+  int pixels = 0, at_the_edge = 0, lowest = 0, leftmost = std::numeric_limits<int>::max();
 };
 
 Changed changed_between(const Picture& a, const Picture& b) {
@@ -59,6 +60,7 @@ Changed changed_between(const Picture& a, const Picture& b) {
       if (std::equal(a.pixel(x, y), a.pixel(x, y) + 3, b.pixel(x, y))) continue;
       ++changed.pixels;
       changed.lowest = y;
+      changed.leftmost = std::min(changed.leftmost, x);
       if (x < kEdge || y < kEdge || x >= a.width - kEdge || y >= a.height - kEdge) ++changed.at_the_edge;
     }
   }
@@ -105,6 +107,10 @@ TEST_F(Overlays, TextsLeaveTheSurfaceItsPart) {
     const Changed helped = changed_between(plain, drawn(help));
     EXPECT_EQ(helped.at_the_edge, 0);
     EXPECT_GT(helped.pixels, 0.1 * pixels);
+    help.left_px = 0.3F * static_cast<float>(width);
+    const Changed beside = changed_between(plain, drawn(help));
+    EXPECT_GE(beside.leftmost, 0.3 * width) << "a panel covers none of its keys";
+    EXPECT_EQ(beside.at_the_edge, 0);
   }
 }
 
