@@ -22,10 +22,10 @@ bool is_file(const std::string& path);
 /// Whether it is a regular file that lies below `folder` when all links are resolved. An empty folder holds nothing.
 bool is_file_below(const std::string& folder, const std::string& path);
 
-/// Lines of a text, without their ends (\n, \r\n or \r).
+/// Lines of a text, without their ends (\n, \r\n or \r) and without the mark that editors put before UTF-8.
 class Lines {
  public:
-  explicit Lines(std::string_view text) : rest_(text) {}
+  explicit Lines(std::string_view text) : rest_(text.substr(text.starts_with("\xEF\xBB\xBF") ? 3 : 0)) {}
   std::optional<std::string_view> next();         ///< Nothing after the last.
   std::size_t number() const { return number_; }  ///< Numbers the line that next() gave last, from 1.
 

@@ -8,6 +8,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "common/core/text.h"
 #include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/parsed_mesh.h"
@@ -288,7 +289,7 @@ class PlyParser {
     // At least a byte a value, so that a lie ends here and not after billions of attempts.
     if (!(*count >= 0 && *count == std::floor(*count)) || *count > static_cast<double>(body.bytes_left())) {
       return fail(ErrorCode::kCorrupt, text::quoted(element.name) + " " + std::to_string(i) + " claims a list of " +
-                                           std::to_string(*count) + " values");
+                                           formatted("%.0f", *count) + " values");
     }
     const auto length = static_cast<std::uint64_t>(*count);
     if (of == Indices::kPolygon) {

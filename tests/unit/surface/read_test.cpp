@@ -127,8 +127,12 @@ class Read : public testing::Test {
 };
 
 TEST_F(Read, EveryFormatGivesTheSameTetrahedron) {
-  const std::pair<const char*, std::string> kFiles[] = {
-      {"a.obj", kObj}, {"b.off", kOff}, {"c.PLY", kPlyText}, {"d.ply", binary_ply(false)}, {"e.ply", binary_ply(true)}};
+  const std::pair<const char*, std::string> kFiles[] = {{"a.obj", kObj},
+                                                        {"b.off", kOff},
+                                                        {"c.PLY", kPlyText},
+                                                        {"d.ply", binary_ply(false)},
+                                                        {"e.ply", binary_ply(true)},
+                                                        {"f.obj", "\xEF\xBB\xBF" + std::string(kObj)}};
   testing::internal::CaptureStderr();
   for (const auto& [name, bytes] : kFiles) {
     const auto s = read(name, bytes);
