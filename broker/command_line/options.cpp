@@ -18,7 +18,7 @@ constexpr const char* kExamples =
     "eigencast-broker --config eigencast.toml --check-config  # tries a configuration\n"
     "eigencast-broker --default-config                        # all settings, explained\n"
     "eigencast-broker --share                                 # others on this network may watch\n"
-    "eigencast-broker token create --publish 'lab/**'         # a token for a sender";
+    "eigencast-broker token create --static --subject me --publish 'lab/**'  # for a sender";
 constexpr const char* kExitStatus = "0  ended as asked\n1  failure\n2  usage or configuration\n4  cannot listen";
 constexpr const char* kSettings =
     "Every setting has a flag, --section-name (--limits-max-streams 16), and a name in the environment,\n"
