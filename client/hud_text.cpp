@@ -85,7 +85,7 @@ std::string text_from_levels(const LevelControl& levels, double work_s) {
 std::string text_from_lowered(const LevelControl& levels, const HudFigures& figures) {
   const PictureQuality& quality = levels.quality();
   std::vector<std::string> parts;
-  if (quality.scale < 1) parts.push_back(formatted("pixels %.0f %%", 100 * static_cast<double>(quality.scale)));
+  if (quality.scale != 1) parts.push_back(formatted("pixels %.0f %%", 100 * static_cast<double>(quality.scale)));
   if (quality.samples == 1) parts.emplace_back("1 sample");
   if (quality.shadow != ShadowQuality::kFull)
     parts.emplace_back(quality.shadow == ShadowQuality::kSmall ? "small shadow" : "no shadow");

@@ -17,12 +17,17 @@ constexpr PictureQuality kLow{PictureQuality::kMinScale, 1, ShadowQuality::kSmal
 static_assert(kResolutions.back() == PictureQuality::kMinScale);
 enum Knob : std::size_t { kScale, kSamples, kShadow, kGround, kKnobs };
 
+/// Of one sample: pixels drawn to one shown, along each side. More of them do a part of what four samples do.
+constexpr std::array<float, 7> kOneSample{PictureQuality::kMaxScale, 1.341F, 1.26F, 1.189F, 1.122F, 1.059F, 1};
+
 /// What llvmpipe saves, and by how much pictures of horses and hearts change (mean of all channels, of 255), until it
 /// is measured here.
 std::vector<QualityKnob> usual_knobs() {
   std::vector<QualityKnob> knobs(kKnobs);
   knobs[kScale] = resolution_knob(0.25, 0.3);
-  knobs[kSamples] = {0.1, 0.35, {{0, 0}, {1, 1}}};
+  // Errors between are by mean squares: means are of roundings, wherever pixels are scaled.
+  knobs[kSamples] = {
+      0.1, 0.35, {{0, 0}, {0.5, 0.47}, {0.515, 0.55}, {0.53, 0.64}, {0.57, 0.73}, {0.63, 0.82}, {0.67, 0.91}, {1, 1}}};
   knobs[kShadow] = {2.4, 0.5, {{0, 0}, {0.22, 0.5}, {1, 1}}};
   knobs[kGround] = {3.7, 0.1, {{0, 0}, {1, 1}}};
   return knobs;
@@ -42,8 +47,9 @@ double bend_of(const AssetFacts& asset) {
 }
 
 PictureQuality quality_from_steps(std::span<const std::size_t> steps) {
-  return {kResolutions[steps[kScale]], steps[kSamples] == 0 ? 4 : 1, static_cast<ShadowQuality>(steps[kShadow]),
-          steps[kGround] == 0};
+  const std::size_t samples = steps[kSamples];
+  return {kResolutions[steps[kScale]] * (samples == 0 ? 1 : kOneSample[samples - 1]), samples == 0 ? 4 : 1,
+          static_cast<ShadowQuality>(steps[kShadow]), steps[kGround] == 0};
 }
 
 }  // namespace
@@ -54,13 +60,9 @@ LevelControl::LevelControl(const LevelSettings& settings)
 std::optional<PictureQuality> LevelControl::trial() {
   tried_ = control_ && !still_ ? control_->trial() : std::nullopt;
   if (!tried_) return std::nullopt;
-  const PictureQuality full, low{kResolutions.back(), 1, ShadowQuality::kNone, false};
-  PictureQuality other = quality_;
-  if (*tried_ == kScale) other.scale = quality_.scale < full.scale ? full.scale : low.scale;
-  if (*tried_ == kSamples) other.samples = quality_.samples < full.samples ? full.samples : low.samples;
-  if (*tried_ == kShadow) other.shadow = quality_.shadow != full.shadow ? full.shadow : low.shadow;
-  if (*tried_ == kGround) other.ground = !quality_.ground;
-  return other;
+  std::vector<std::size_t> other = steps_;
+  other[*tried_] = other[*tried_] > 0 ? 0 : control_->knobs()[*tried_].steps.size() - 1;
+  return quality_from_steps(other);
 }
 
 void LevelControl::measured(double own, double other, double error) {
@@ -77,6 +79,7 @@ std::vector<std::uint32_t> LevelControl::resolve(std::span<const ObjectView> obj
   if (!control_) return resolver_->resolve(objects, last);
   QualityControl::Choice choice = control_->choose(objects, last);
   quality_ = quality_from_steps(choice.steps);
+  steps_ = std::move(choice.steps);
   return std::move(choice.levels);
 }
 

@@ -73,6 +73,7 @@ class LevelControl {
   LevelSettings settings_;
   PictureQuality quality_;
   std::optional<QualityControl> control_;  ///< Instead of resolver_.
+  std::vector<std::size_t> steps_;         ///< Of its knobs.
   std::optional<std::size_t> tried_;       ///< The knob of the last trial().
   bool still_ = false, was_still_ = false, lowered_ = false;
   std::unique_ptr<LodResolver> resolver_;

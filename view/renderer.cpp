@@ -17,16 +17,22 @@
 namespace eigencast {
 namespace {
 
-/// The last pass: of a picture of as many pixels or of fewer, of several samples or of one.
-std::string finish_shader(bool scaled, bool single) {
+/// Of the pixels drawn to those shown.
+enum Scaling { kAsMany, kFewer, kMore, kScalings };
+Scaling scaling_of(float scale) {
+  return scale < 1 ? kFewer : scale > 1 ? kMore : kAsMany;
+}
+
+/// The last pass: of a picture of several samples or of one.
+std::string finish_shader(Scaling scaling, bool single) {
   std::string shader = shaders::kFinishFragment;
   const auto replace = [&shader](std::string_view old, const std::string& by) {
     shader.replace(shader.find(old), old.size(), by);
   };
-  if (scaled) {
-    replace("void main() {", std::string(shaders::kScaledUp) + "void main() {");
+  if (scaling != kAsMany) {
+    if (scaling == kFewer) replace("void main() {", std::string(shaders::kScaledUp) + "void main() {");
     replace("ivec2(gl_FragCoord.xy)", "ivec2(uv * vec2(textureSize(picture, 0)))");
-    replace("texelFetch(picture, px, 0)", "scaled_up()");
+    replace("texelFetch(picture, px, 0)", scaling == kFewer ? "scaled_up()" : "texture(picture, uv)");
   }
   if (single) {
     replace("sampler2DMS", "sampler2D");
@@ -57,10 +63,10 @@ class Renderer::Impl {
       built = splat_.init("splat", {shaders::kSplatVertex, {}, splat}, {"paint", "shadow_saving"});
     }
     if (built) built = line_.build("line", {shaders::kMeshVertex, {}, shaders::kLineFragment});
-    for (const bool scaled : {false, true}) {
+    for (const Scaling scaling : {kAsMany, kFewer, kMore}) {
       for (const bool single : {false, true}) {
-        const GlProgram::Shaders finish{shaders::kScreenVertex, {}, finish_shader(scaled, single)};
-        if (built) built = finish_[scaled][single].init("finish", finish, {"dome"});
+        const GlProgram::Shaders finish{shaders::kScreenVertex, {}, finish_shader(scaling, single)};
+        if (built) built = finish_[scaling][single].init("finish", finish, {"dome"});
       }
     }
     if (!built) return built;
@@ -71,7 +77,9 @@ class Renderer::Impl {
 
   void draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target) {
     const PictureQuality& quality = options.quality;
-    const float scale = std::clamp(quality.scale, PictureQuality::kMinScale, 1.0F);
+    const float most = static_cast<float>(max_texture_side()) / static_cast<float>(std::max(width, height));
+    const float scale =
+        std::clamp(std::min(quality.scale, std::max(most, 1.0F)), PictureQuality::kMinScale, PictureQuality::kMaxScale);
     const auto scaled = [scale](int side) {
       return std::max(1, static_cast<int>(std::lround(scale * static_cast<float>(side))));
     };
@@ -258,11 +266,11 @@ class Renderer::Impl {
         !surfaces_.empty() && std::all_of(surfaces_.begin(), surfaces_.end(), [](const auto& surface) {
           return (surface->is_point_cloud() && !surface->has_discs()) || !surface->drawable();
         });
-    const GlProgram& finish = finish_[scale < 1][target_.samples() == 1].with({all_clouds ? 90 : 0});
+    const GlProgram& finish = finish_[scaling_of(scale)][target_.samples() == 1].with({all_clouds ? 90 : 0});
     finish.use();
     bind_texture(1, target_.depth_kind(), target_.depth_texture());
     bind_texture(0, GL_TEXTURE_2D, target_.colour_texture());
-    set_filter(scale < 1 ? GL_LINEAR : GL_NEAREST);
+    set_filter(scale != 1 ? GL_LINEAR : GL_NEAREST);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
     finish.set("picture", 0);
@@ -280,7 +288,7 @@ class Renderer::Impl {
   Lighting lighting_;
   Surroundings surroundings_;
   GlProgramFamily mesh_, textured_, splat_;
-  std::array<std::array<GlProgramFamily, 2>, 2> finish_;  ///< Scaled up, single sample.
+  std::array<std::array<GlProgramFamily, 2>, kScalings> finish_;  ///< By scaling; single sample.
   GlProgram line_;
   GlArray none_;
   GlTexture colour_table_;

@@ -40,8 +40,8 @@ enum class ShadowQuality { kFull, kSmall, kNone };
 
 /// What a picture may do without, to be in time.
 struct PictureQuality {
-  static constexpr float kMinScale = 0.5F;
-  float scale = 1;  ///< Pixels drawn to one shown, along each side; kMinScale to 1.
+  static constexpr float kMinScale = 0.5F, kMaxScale = 1.414F;
+  float scale = 1;  ///< Pixels drawn to one shown, along each side; kMinScale to kMaxScale.
   int samples = 4;  ///< Of each pixel drawn, as far as the driver gives them; >= 1.
   ShadowQuality shadow = ShadowQuality::kFull;
   bool ground = true;  ///< The floor, with grid and shadow.

@@ -141,6 +141,15 @@ TEST_F(Render, LowerQualityLooksAlike) {
   EXPECT_GT(difference({.samples = 1}), 0);
   EXPECT_EQ(renderer_->samples(), 1);
   EXPECT_LT(difference({.samples = 1}), last) << "the rims alone";
+  const auto mean_square = [&](const PictureQuality& quality) {
+    options_.quality = quality;
+    const Picture picture = picture_of(source, scene);
+    double sum = 0;
+    for (std::size_t i = 0; i < full.rgb.size(); ++i) sum += std::pow(int{full.rgb[i]} - int{picture.rgb[i]}, 2);
+    return sum / static_cast<double>(full.rgb.size());
+  };
+  EXPECT_LT(mean_square({.scale = 1.1F, .samples = 1}), 0.8 * mean_square({.samples = 1})) << "more pixels mend rims";
+  EXPECT_LT(mean_square({.scale = 1.414F, .samples = 1}), 0.7 * mean_square({.samples = 1}));
   const double small = difference({.shadow = ShadowQuality::kSmall});
   const double none = difference({.shadow = ShadowQuality::kNone});
   EXPECT_LT(small, 0.5 * none);
@@ -152,7 +161,7 @@ TEST_F(Render, OnlyTheNewPoseIsSeen) {
   FakeSource source(sphere_asset(3));
   SurfaceView scene;
   picture_of(source, scene);
-  for (const float scale : {1.0F, 0.5F}) {
+  for (const float scale : {1.0F, 0.5F, 1.3F}) {
     options_.quality.scale = scale;
     const auto moved_to = [&](float x) {
       renderer_->place(0, glm::translate(glm::mat4(1), glm::vec3(x, 0, 0)));
