@@ -33,9 +33,11 @@ Result<StreamPage> page_of(HttpConnection& http, const BrokerUrl& url, const std
   const std::string_view text(reinterpret_cast<const char*>(answer->body.data()), answer->body.size());
   if (answer->status == 200) return page_from_json(text);
   const bool refused = answer->status == 401 || answer->status == 403;
+  const char* const advice =
+      url.credentials.token.empty() ? " (give a token with --token)" : " (the token that was given does not do)";
   return fail(refused ? ErrorCode::kRefused : ErrorCode::kUnreachable,
               url.origin() + " answered " + std::to_string(answer->status) + " to the question for its streams" +
-                  (refused && url.credentials.token.empty() ? " (give a token with --token)" : ""));
+                  (refused ? advice : ""));
 }
 
 std::string url_of_stream(const Target& broker, const std::string& stream) {
