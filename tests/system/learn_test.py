@@ -3,7 +3,9 @@
 """A stream that learns columns: viewers see one continuous stream of less error and fetch the columns alone, and programs that are
 killed while the stream changes over come back to what is sent.
 
-    learn_test.py BROKER SENDER CLIENT [-v]
+    learn_test.py BROKER SENDER CLIENT NODE [-v]
+
+NODE may be empty: the decoder for browsers is then left out, and the test is a skip.
 """
 import array
 import json
@@ -16,27 +18,30 @@ import tempfile
 import threading
 import time
 import unittest
+import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/support")]
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "tools")]
 import cases
+import reference_asset_reader
+import reference_decoder
+from reference_viewer import ReferenceViewer
 from websocket_peer import TEXT, Peer, ports_of
 
-BROKER = SENDER = CLIENT = None
+BROKER = SENDER = CLIENT = NODE = None
 PATIENCE_S = 240
 RANK, RINGS, SIDES = 40, 60, 24
 
 
+def point(number, vertex):
+    """Of a tube, which sways, as its basis can, and folds, as a few columns can."""
+    t, along, around = 0.2 * number, vertex // SIDES / RINGS, math.tau * (vertex % SIDES) / SIDES
+    radius = 0.2 + 0.02 * (math.sin(t) * math.cos(150 * along) + math.cos(1.7 * t) * math.sin(120 * along))
+    return along + 0.1 * math.sin(0.7 * t), radius * math.cos(around) + 0.2 * math.sin(3 * along + t), radius * math.sin(around)
+
+
 def pose(number):
-    """A tube, which sways, as its basis can, and folds, as a few columns can."""
-    t, points = 0.2 * number, array.array("f")
-    for i in range(RINGS):
-        along = i / RINGS
-        for j in range(SIDES):
-            around = math.tau * j / SIDES
-            radius = 0.2 + 0.02 * (math.sin(t) * math.cos(150 * along) + math.cos(1.7 * t) * math.sin(120 * along))
-            points.extend((along + 0.1 * math.sin(0.7 * t), radius * math.cos(around) + 0.2 * math.sin(3 * along + t), radius * math.sin(around)))
-    return points.tobytes()
+    return array.array("f", (value for vertex in range(RINGS * SIDES) for value in point(number, vertex))).tobytes()
 
 
 def mesh():
@@ -66,9 +71,9 @@ class Scene:
         self.port = ports_of(self.folder / "port")[0]
         self.url = f"http://127.0.0.1:{self.port}/live/tube"
 
-    def start_sender(self):
+    def start_sender(self, *more):
         self.sender = subprocess.Popen([SENDER, "pipe", "--mesh", self.folder / "tube.obj", "--to", self.url, "--cache", self.folder / "bakes", "--wait",
-                                        "--rank", str(RANK), "--rate", "30", "--learn", "on", "--json", self.folder / "report"], stdin=subprocess.PIPE)
+                                        "--rank", str(RANK), "--rate", "30", "--learn", "on", "--json", self.folder / "report", *more], stdin=subprocess.PIPE)
         feeder = threading.Thread(target=self.feed, args=(self.sender,))
         feeder.start()
         self.feeders.append(feeder)
@@ -82,11 +87,11 @@ class Scene:
         except (BrokenPipeError, ValueError):
             pass
 
-    def start_viewer(self):
+    def start_viewer(self, *more):
         self.viewers += 1
         record = self.folder / f"poses-{self.viewers}"
         return record, subprocess.Popen([CLIENT, self.url, "--headless", "--size", "16x16", "--duration", "600", "--wait", str(PATIENCE_S), "--record", record,
-                                         "--cache", ""])
+                                         "--cache", "", *more])
 
     def end(self, *viewers):
         for process in (*(viewer for _, viewer in viewers), self.sender, self.broker):
@@ -143,6 +148,57 @@ class Learning(unittest.TestCase):
         self.assertLessEqual(max(speeds[around]), 1.5 * max(speeds[:around.start] + speeds[around.stop:]), "it jumps")
         self.assertEqual(set(ranks(lines(later[0]))), {RANK + report["learnt_columns"]})
 
+    def test_all_readers_read_it_alike(self):
+        scene = Scene()
+        reference = ReferenceViewer(scene.port, "live/tube")
+        scene.start_sender("--memory", "off")  # Else keys would depend on who holds what already.
+        viewer = scene.start_viewer("--rate", "raw")
+        self.wait("the stream does not change over", lambda: self.learnt(viewer[0], 60) and len(reference.epochs) == 2 and
+                  len(reference.epochs[1].frames()) >= 60)
+        learnt = self.asset_of(scene, reference.epochs[1].stream["asset"])
+        reference.end()
+        scene.end(viewer)
+
+        seen = {(p["epoch"], p["sequence"]): p["coefficients"] for p in lines(viewer[0])}
+        for epoch in reference.epochs:
+            poses = [pose for pose in epoch.poses() if (pose.epoch, pose.sequence) in seen]
+            for one in poses:
+                self.assertEqual(one.values, seen[one.epoch, one.sequence])
+        self.assertGreater(len(poses), 20)
+        folded = max(reference.epochs[1].poses(), key=lambda one: max(map(abs, one.values[3 * RANK:])))
+        self.check_errors(learnt, folded.values)
+
+        if not NODE:
+            self.skipTest("no node (Debian: nodejs)")
+        frames = scene.folder / "frames"
+        frames.mkdir()
+        for number, epoch in enumerate(reference.epochs):
+            path = frames / f"{number}.frames"
+            path.write_text(f"format {json.dumps(epoch.stream['format'])}\n" + "".join(bytes.hex(f) + "\n" for f in epoch.frames()))
+            path.with_suffix(".jsonl").write_text("\n".join(reference_decoder.decoded_lines(path)) + "\n")
+        done = subprocess.run([NODE, ROOT / "sdk/js/check_golden.mjs", frames, "--undamaged"], capture_output=True, text=True)
+        self.assertEqual([done.returncode, done.stdout.count("as expected")], [0, 2], done.stdout + done.stderr)
+
+    def asset_of(self, scene, name):
+        def fetched(id):
+            with urllib.request.urlopen(f"http://127.0.0.1:{scene.port}/v1/assets/{id}", timeout=60) as answer:
+                return answer.read()
+        manifest = fetched(name)
+        facts = reference_asset_reader.read_manifest(manifest)
+        return reference_asset_reader.read_asset(manifest, [fetched(chunk["id"].hex()) for chunk in facts["chunks"]], fetched(facts["columns"][1].hex()))
+
+    def check_errors(self, asset, C):
+        """Of a pose that was sent: columns take most of what the basis misses."""
+        def errors(rank):
+            for row, source in zip(asset["basis"], asset["source_vertex"]):
+                rebuilt = [asset["origin"][d] + sum(row[k] * C[3 * k + d] for k in range(rank)) for d in range(3)]
+                yield source, rebuilt
+        shown = dict(errors(asset["r"]))
+        distance = lambda number, rebuilt, vertices: sum(math.dist(point(number, v), rebuilt[v]) ** 2 for v in vertices)
+        number = min(range(6000), key=lambda n: distance(n, shown, range(0, RINGS * SIDES, 97)))
+        with_columns, without = (distance(number, dict(errors(rank)), range(RINGS * SIDES)) for rank in (asset["r"], RANK))
+        self.assertLess(4 * with_columns, without)
+
     def in_the_middle(self):
         """A scene whose stream changes over, but for a viewer that never has what is next: half a minute is left."""
         scene = Scene()
@@ -195,5 +251,5 @@ class Learning(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    BROKER, SENDER, CLIENT = sys.argv[1:4]
-    cases.main(argv=[sys.argv[0], *sys.argv[4:]])
+    BROKER, SENDER, CLIENT, NODE = sys.argv[1:5]
+    cases.main(argv=[sys.argv[0], *sys.argv[5:]])
