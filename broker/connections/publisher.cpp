@@ -282,8 +282,13 @@ void Publisher::on_binary(ByteView message) {
     log(context().log, LogLevel::kWarning, name() + ": closed, " + added.error().message);
     return refuse(added.error(), name_, websocket::CloseCode::kPolicy);
   }
-  ++context().counters.frames_received;
-  if (stream_->snapshot().newest->generation != 0) ++context().counters.keys_recalled;
+  Counters& counters = context().counters;
+  ++counters.frames_received;
+  counters.frame_bytes_received += message.size();
+  if (stream_->snapshot().newest->generation != 0) {
+    ++counters.keys_recalled;
+    counters.recalled_bytes += message.size();
+  }
   if (const double work_us = stream_->take_unpaid_us(); work_us > 0) charge(work_us);
   context().hub.mark_dirty(*stream_);
 }

@@ -36,6 +36,7 @@ struct EventCounts {
   std::uint64_t connections_total = 0;
   std::uint64_t connections_refused = 0;
   std::uint64_t frames_received = 0;
+  std::uint64_t frame_bytes_received = 0;
   std::uint64_t frames_refused = 0;
   std::uint64_t frames_sent = 0;
   std::uint64_t frame_bytes_sent = 0;
@@ -51,6 +52,7 @@ struct EventCounts {
   std::uint64_t memories = 0;
   std::uint64_t memories_refused = 0;
   std::uint64_t keys_recalled = 0;
+  std::uint64_t recalled_bytes = 0;  ///< Of frame_bytes_received, those of keys_recalled.
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;
   std::uint64_t uploads_now = 0;

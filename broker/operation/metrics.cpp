@@ -22,6 +22,7 @@
 #include "broker/relay/rooms.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/recorder.h"
+#include "common/wire/link_bytes.h"
 
 namespace eigencast::broker {
 namespace {
@@ -142,8 +143,22 @@ class BrokerMetrics {
     counter("memories_total", "Memories taken from senders, appended ones included.", counters.memories);
     counter("memories_refused_total", "Memories refused.", counters.memories_refused);
     counter("keys_recalled_total", "Frames taken that a memory predicts.", counters.keys_recalled);
+    auto& received = family("eigencast_broker_frame_bytes_received_total", MetricType::Counter,
+                            "Bytes of frames taken from senders, by what predicts them: a key's mean with a memory and "
+                            "without tells what memories save.");
+    const std::uint64_t recalled = counters.recalled_bytes;
+    add(received, static_cast<double>(counters.frame_bytes_received - recalled), {{"predicted_from", "keys"}});
+    add(received, static_cast<double>(recalled), {{"predicted_from", "memory"}});
     counter("frames_sent_total", "Frames sent to viewers.", counters.frames_sent);
     counter("frame_bytes_sent_total", "Bytes of those frames.", counters.frame_bytes_sent);
+    auto& link = family("eigencast_broker_frame_link_bytes", MetricType::Gauge,
+                        "What a frame sent, of their mean size, takes on a link beyond itself (LinkBytes).");
+    const auto sent = static_cast<double>(counters.frames_sent);
+    const LinkBytes more =
+        sent > 0 ? link_bytes(1, static_cast<double>(counters.frame_bytes_sent) / sent) : LinkBytes{};
+    add(link, more.websocket, {{"layer", "websocket"}});
+    add(link, more.tcp_ip, {{"layer", "tcp_ip"}});
+    add(link, more.tls, {{"layer", "tls"}});
     counter("frames_dropped_total", "Frames replaced by newer ones before they left.", counters.frames_dropped);
     counter("joins_sent_total", "Join frames sent: viewers that came, or had missed something.", counters.joins_sent);
     auto& steps = family("eigencast_broker_ladder_steps_total", MetricType::Counter,

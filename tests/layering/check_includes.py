@@ -45,7 +45,7 @@ ROOMS = {
     "broker/loops": {"common/core", "broker/connections", "broker/context", "broker/relay", "broker/sockets"},
     "broker/http": {"common/core", "common/core/hash", "common/wire", "broker/access", "broker/connections", "broker/context",
                     "broker/loops", "broker/relay", "broker/sockets", "broker/storage", "broker/websocket"},
-    "broker/operation": {"common/core", "common/command_line", "broker/access", "broker/backbone", "broker/config", "broker/connections", "broker/context",
+    "broker/operation": {"common/core", "common/command_line", "common/wire", "broker/access", "broker/backbone", "broker/config", "broker/connections", "broker/context",
                          "broker/http", "broker/loops", "broker/relay", "broker/sockets", "broker/storage"},
     "broker": {"common/core", "broker/access", "broker/backbone", "broker/command_line", "broker/config", "broker/connections", "broker/http",
                "broker/loops", "broker/operation", "broker/relay", "broker/sockets", "broker/storage"},

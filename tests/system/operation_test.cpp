@@ -17,6 +17,7 @@
 #include <sstream>
 
 #include "common/recording/reader.h"
+#include "common/wire/link_bytes.h"
 #include "tests/support/paths.h"
 #include "tests/system/operation.h"
 
@@ -45,6 +46,8 @@ TEST_F(Operation, TheAdminApiReportsHealthAndMetrics) {
   ASSERT_TRUE(eventually([&] { return client_of_kind("viewer")["round_trip_ms"].is_number(); }, kPatience));
   EXPECT_GT(metric("eigencast_broker_frames_sent_total"), 0);
   EXPECT_GT(metric("eigencast_broker_frame_delay_seconds_count"), 0);
+  EXPECT_GT(metric("eigencast_broker_frame_bytes_received_total{predicted_from=\"keys\"}"), 0);
+  EXPECT_EQ(metric("eigencast_broker_frame_link_bytes{layer=\"tls\"}"), link_bytes(1, 1).tls);
   EXPECT_GT(metric("process_resident_memory_bytes"), 1e6);
   const std::string page = get("/");
   EXPECT_THAT(page, HasSubstr("Content-Security-Policy: default-src 'none'"));
