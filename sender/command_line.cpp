@@ -141,6 +141,7 @@ void add_deform_command(CLI::App& app, Settings& s) {
   runs(*deform, s, command, kDeformExamples);
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
+  add_memory_option(*deform, command.target);
   deform->option_defaults()->group(kOwnGroup);
   deform->add_option("--cage-out", command.cage_out, "write the cage, to edit it or to number its vertices (.obj, ...)")
       ->check(output_path(check_surface_path));

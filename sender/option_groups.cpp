@@ -177,8 +177,8 @@ void add_target_options(CLI::App& app, TargetOptions& target) {
       ->envname("EIGENCAST_CONTEXT");
 }
 
-void add_coding_options(CLI::App& app, TargetOptions& target) {
-  add_codec_options(app, target.codec, target.error);
+void add_memory_option(CLI::App& app, TargetOptions& target) {
+  app.option_defaults()->group("Coding of poses");
   app.add_option(
          "--memory", target.memory,
          "poses that all hold, so that motion that comes again takes a fraction of the bits: auto, as far as that "
@@ -186,6 +186,11 @@ void add_coding_options(CLI::App& app, TargetOptions& target) {
       ->check(one_of(kMemoryUseNames))
       ->type_name("TEXT")
       ->default_str(std::string(kMemoryUseNames[target.memory]));
+}
+
+void add_coding_options(CLI::App& app, TargetOptions& target) {
+  add_codec_options(app, target.codec, target.error);
+  add_memory_option(app, target);
   app.add_option("--learn", target.learn,
                  "columns of what the basis misses, learnt from the first seconds, for less error at as many bits: "
                  "auto, where viewers soon have saved their download; on, wherever there are some; off")

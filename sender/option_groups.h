@@ -31,6 +31,8 @@ CLI::Option* bounded(CLI::App& app, const char* names, T& value, const char* hel
 template <typename Errors>
 CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors);
 void add_target_options(CLI::App& app, TargetOptions& target);
+void add_memory_option(CLI::App& app, TargetOptions& target);
+/// add_codec_options(), add_memory_option(), and what else codes a clip's poses.
 void add_coding_options(CLI::App& app, TargetOptions& target);
 
 }  // namespace eigencast

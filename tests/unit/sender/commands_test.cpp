@@ -145,6 +145,10 @@ TEST(CommandLineOfTheSender, OptionsThatWouldDoNothingAreRefused) {
     EXPECT_EQ(status(words), kExitUsage) << words.back();
   EXPECT_EQ(status({"deform", "heart", "--to", "ws://h/a", "--script", "twist", "--once"}), kExitOk);
   EXPECT_EQ(status({"play", "heart"}), kExitOk) << "to this machine's broker";
+  for (const char* command : {"play", "deform"}) {
+    EXPECT_EQ(status({command, "heart", "--to", "ws://h/a", "--memory", "off"}), kExitOk) << command;
+    EXPECT_EQ(status({command, "heart", "--to", "ws://h/a", "--memory", "some"}), kExitUsage) << command;
+  }
 }
 
 TEST(ContextAdd, StoresAbsolutePathsAndRefusesMissingFiles) {
