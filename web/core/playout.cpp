@@ -86,6 +86,11 @@ const core_shown* playout_at(core_playout* playout, int64_t now_us) {
   return &playout->shown;
 }
 
+int64_t playout_keep_lag(core_playout* playout, int64_t lag_us) {
+  playout->playout.set_lag(lag_us == INT64_MIN ? std::nullopt : std::optional(bounded_time(lag_us)));
+  return playout->playout.needed_lag_us().value_or(INT64_MIN);
+}
+
 int64_t playout_delay_us(const core_playout* playout) {
   return playout->playout.delay_us();
 }

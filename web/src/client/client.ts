@@ -30,7 +30,9 @@ export interface WatchOptions {
   /** The first, coarse part of the surface is enough, as for a small picture. */
   isPreview?: boolean;
   /** The id of the surface that it probably has, which is fetched beside the question. */
-  expects?: string;
+  expects?: string | undefined;
+  /** The group of streams that show the same moment (protocol.md, "moment"). */
+  sync?: string | undefined;
   /** How long until a broker that declined the stream is asked again (default: 5,000). */
   declinedRetryMs?: number;
 }
@@ -151,8 +153,8 @@ export class Broker {
   readonly #ended: () => void;
   readonly #streams = new Map<number, Stream>();
   #keys = 0;
-  /** What comes of rooms (protocol.md, "room"), once something was sent to one; nothing: the connection is new. */
-  onRoom: (text: string) => void = () => {};
+  /** Who hears of rooms and moments (protocol.md, "room", "moment"); nothing: the connection is new. */
+  readonly onText = new Set<(text: string) => void>();
 
   private constructor(
     url: BrokerUrl, environment: Environment, post: (message: ToWorker, transfer?: Transferable[]) => void, ended: () => void,
@@ -196,13 +198,13 @@ export class Broker {
     return broker;
   }
 
-  watch(stream: string, { profile = {}, maxBytes = MAX_BYTES, isPreview = false, expects, declinedRetryMs }: WatchOptions = {}): Stream {
+  watch(stream: string, { profile = {}, maxBytes = MAX_BYTES, isPreview = false, expects, sync, declinedRetryMs }: WatchOptions = {}): Stream {
     const key = ++this.#keys;
     const made = new Stream(checkedName(stream), key, this.#post, () => void this.#streams.delete(key));
     this.#streams.set(key, made);
     // After the caller has put its listeners on.
     queueMicrotask(() => {
-      if (this.#streams.has(key)) this.#post({ op: 'watch', key, stream, profile, maxBytes, isPreview, ...(expects === undefined ? {} : { expects }), ...(declinedRetryMs === undefined ? {} : { declinedRetryMs }) });
+      if (this.#streams.has(key)) this.#post({ op: 'watch', key, stream, profile, maxBytes, isPreview, expects, sync, declinedRetryMs });
     });
     return made;
   }
@@ -217,8 +219,8 @@ export class Broker {
     }
     return all;
   }
-  /** A control message of rooms; lost where there is no connection. */
-  sendToRoom(text: string): void {
+  /** A control message of rooms or groups; lost where there is no connection. */
+  sendText(text: string): void {
     this.#post({ op: 'room', text });
   }
   /** Connects at once where it waits for its next try. */
@@ -233,7 +235,7 @@ export class Broker {
   }
 
   #receive(message: ToPage): void {
-    if (message.op === 'room') return this.onRoom(message.text);
+    if (message.op === 'room') return this.onText.forEach((hear) => hear(message.text));
     this.#streams.get(message.key)?.receive(message);
   }
   #fail(message: string): void {

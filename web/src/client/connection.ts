@@ -26,7 +26,9 @@ export interface Listener {
 export interface Request {
   stream: string;
   profile: Profile;
-  declinedRetryMs?: number;
+  /** The group that shows the same moment; a URL does not say it. */
+  sync?: string | undefined;
+  declinedRetryMs?: number | undefined;
 }
 interface Stream {
   request: Request;
@@ -34,14 +36,14 @@ interface Stream {
   /** Once the broker has said it on this connection. */
   id?: number | undefined;
   ack?: FrameHead | undefined;
-  /** Of the memory that is held. */
+  /** Of the memory that is held, where it is not said yet. */
   generation?: number;
   askAgainAtUs?: number | undefined;
   isPaused?: boolean;
 }
 
-/** Of many streams half as often: brokers wait for 100 ms more than the round trip. */
-const ACK_INTERVAL_US = 33_000, MANY_STREAMS = 8, MANY_ACK_INTERVAL_US = 70_000, PING_INTERVAL_US = 250_000, SILENCE_US = 10_000_000;
+/** Of many streams as seldom as brokers allow, which wait for 100 ms more than the round trip. */
+const ACK_INTERVAL_US = 33_000, MANY_STREAMS = 8, MANY_ACK_INTERVAL_US = 85_000, PING_INTERVAL_US = 250_000, SILENCE_US = 10_000_000;
 const TICK_MS = 40, CONNECT_TIMEOUT_MS = 3000, DECLINED_RETRY_MS = 5000;
 export const SUBPROTOCOL = 'eigencast.v2';
 const MAX_ACKS = 64, MAX_UNSENT_BYTES = 1 << 20;
@@ -62,8 +64,8 @@ export class BrokerConnection {
   readonly #streams: Stream[] = [];
   readonly #clock = new ClockOffset();
   readonly #retry = new Retry();
-  /** What comes of rooms; nothing: the connection is new. */
-  onRoom: ((text: string) => void) | undefined;
+  /** What comes of rooms, and moments; nothing: the connection is new. */
+  onText: (text: string) => void = () => {};
   #socket: WebSocket | undefined;
   #openedUs: number | undefined;
   #urlStream = '';
@@ -111,7 +113,7 @@ export class BrokerConnection {
     stream.request = { ...stream.request, profile };
     if (this.#openedUs !== undefined) this.#subscribe(stream);
   }
-  /** Says in acknowledgements that a memory is held; 0: none. */
+  /** Says in an acknowledgement that a memory is held; 0: none. */
   hold(listener: Listener, generation: number): void {
     const stream = this.#streams.find((one) => one.listener === listener);
     if (stream) stream.generation = generation;
@@ -156,7 +158,7 @@ export class BrokerConnection {
 
   #connect(): void {
     const [only, another] = this.#streams;
-    this.#urlStream = only && !another && !only.isPaused ? only.request.stream : '';
+    this.#urlStream = only && !another && !only.isPaused && !only.request.sync ? only.request.stream : '';
     const asked = this.#urlStream === '' ? undefined : only!.request;
     let socket: WebSocket;
     try {
@@ -226,11 +228,11 @@ export class BrokerConnection {
       if (stream.request.stream !== this.#urlStream) this.#subscribe(stream);
     }
     this.#ticker = setInterval(() => this.#onTick(), TICK_MS);
-    this.onRoom?.('');
+    this.onText('');
   }
 
   #onText(text: string): void {
-    if (this.onRoom && text.includes('"room":"')) return this.onRoom(text);  // As a key: in texts quotes are escaped.
+    if (/"(room":|op":"moment)"/.test(text)) return this.onText(text);  // As a key: in texts quotes are escaped.
     let message: Message | undefined;
     try {
       message = readControl(text);
@@ -311,6 +313,7 @@ export class BrokerConnection {
       const { sequence, at, of } = stream.ack;
       items.push({ stream_id: stream.id ?? stream.ack.streamId, sequence, step: (at << 4) | of, ...(stream.generation ? { generation: stream.generation } : {}) });
       stream.ack = undefined;
+      stream.generation = 0;
     }
     if (items.length > 0) this.#lastAckUs = now;
     for (let i = 0; i < items.length; i += MAX_ACKS) this.#send('ack', { items: items.slice(i, i + MAX_ACKS), time_us: now });
@@ -319,7 +322,7 @@ export class BrokerConnection {
   #subscribe(stream: Stream): void {
     stream.askAgainAtUs = undefined;
     if (stream.isPaused) return;
-    this.#send('subscribe', { stream: stream.request.stream, profile: messageFrom(stream.request.profile) });
+    this.#send('subscribe', { stream: stream.request.stream, profile: messageFrom(stream.request.profile), ...(stream.request.sync && { sync: stream.request.sync }) });
   }
   /** A broker that does not read is let go. */
   #send(op: string, fields: object): void {

@@ -67,7 +67,7 @@ export type ToWorker =
   | { op: 'rebuild'; key: number; request: number; rebuild: Rebuild }
   /** The numbers in the source of some of its drawn vertices. */
   | { op: 'sources'; key: number; request: number; vertices: Uint32Array; isTextured: boolean }
-  /** A control message of rooms, lost where there is no connection. From then on such messages come back. */
+  /** A control message of rooms or groups, lost where there is no connection. */
   | { op: 'room'; text: string }
   | { op: 'retry' }
   | { op: 'end' };
@@ -80,6 +80,6 @@ export type ToPage =
   | { op: 'pose'; key: number; pose: Pose }
   | { op: 'rebuilt'; key: number; request: number; rebuilt: Rebuilt }
   | { op: 'sources'; key: number; request: number; sources: Uint32Array }
-  /** Nothing: there is a new connection. */
+  /** Of rooms, or a moment; nothing: there is a new connection. */
   | { op: 'room'; key: 0; text: string }
   | { op: 'failed'; key: number; request?: number; code: string; message: string };

@@ -34,6 +34,7 @@ export class Session {
     this.#broker = broker;
     this.#post = post;
     this.#connection = new BrokerConnection(environment, broker, (frame) => streamIdOf(core, frame));
+    this.#connection.onText = (text) => post({ op: 'room', key: 0, text }, []);
   }
 
   receive(message: ToWorker): void {
@@ -54,7 +55,6 @@ export class Session {
       case 'sources':
         return this.#sources(message);
       case 'room':
-        this.#connection.onRoom ??= (text) => this.#post({ op: 'room', key: 0, text }, []);
         return this.#connection.sendText(message.text);
       case 'retry':
         return this.#connection.retryNow();

@@ -15,9 +15,9 @@ export interface Limits {
   /** More is refused. */
   maxBytes: number;
   /** Its first, coarse part is enough, as for a small picture. */
-  isPreview?: boolean;
+  isPreview?: boolean | undefined;
   /** The surface that will probably be announced: it is fetched meanwhile. */
-  expects?: string;
+  expects?: string | undefined;
 }
 
 /** One asset on its way: first from a prefix of its first chunk, with the lowest band alone, then whole, chunk by chunk. */

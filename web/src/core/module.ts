@@ -24,6 +24,7 @@ export interface Exports {
   playout_add(playout: number, timeUs: bigint, arrivalUs: bigint, coefficients: number, count: number, bands: number, isEstimate: number): number;
   playout_add_next(playout: number, timeUs: bigint, coefficients: number, count: number, bands: number): number;
   playout_at(playout: number, nowUs: bigint): number;
+  playout_keep_lag(playout: number, lagUs: bigint): bigint;
   playout_delay_us(playout: number): bigint;
   playout_reset(playout: number): void;
   asset_open(id: number, manifest: number, size: number, bands: number, maxBytes: number): number;

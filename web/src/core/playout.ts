@@ -80,6 +80,10 @@ export class Playout {
       settling: data.getUint8(at + 18) !== 0,
     };
   }
+  /** The pose of so long ago is shown from now on; UNKNOWN: by the settings. Returns the lag that it needs; UNKNOWN: not yet. */
+  keepLag(lagUs: bigint): bigint {
+    return this.#core.exports.playout_keep_lag(this.#at, lagUs);
+  }
   get delayUs(): number {
     return Number(this.#core.exports.playout_delay_us(this.#at));
   }

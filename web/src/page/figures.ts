@@ -22,12 +22,20 @@ export interface Figures {
   faces: number;
   profile: Required<Profile> | undefined;
   shown: Shown;
+  /** Of what is shown, on the sender's clock. */
+  shownUs: bigint | undefined;
   delayMs: number;
   workMs: number;
   load: number;
   bands: number;
   bandsTotal: number;
   rank: number;
+}
+const DAY_US = 86_400_000_000n;
+
+/** Of a day, as the native client's. */
+export function timecodeOf(captureUs: bigint): string {
+  return new Date(Number((((captureUs % DAY_US) + DAY_US) % DAY_US) / 1000n)).toISOString().slice(11, 23);
 }
 export function figureLines(f: Figures): string[] {
   const ms = (value: number): string => `${value < 10 ? value.toFixed(1) : Math.round(value)} ms`;
@@ -36,7 +44,7 @@ export function figureLines(f: Figures): string[] {
     `${Math.round(f.kbitPerS)} kbit/s · round trip ${f.roundTripMs === undefined ? 'not known yet' : ms(f.roundTripMs)}`,
     `LOD ${(f.verticesTotal === 0 ? 0 : f.vertices / f.verticesTotal).toFixed(2)} · ${commas(f.vertices)} of ${commas(f.verticesTotal)} vertices, ${f.faces === 0 ? 'points' : `${commas(f.faces)} faces`}`,
     f.profile ? textFromMode(f.profile) : '',
-    `${f.shown} · ${ms(f.delayMs)} held back`,
+    `${f.shown} · ${ms(f.delayMs)} held back${f.shownUs === undefined ? '' : ` · ${timecodeOf(f.shownUs)}`}`,
     // Over twice a picture's time: not even the fewest vertices would hold the rate.
     `${ms(f.workMs)} a picture · ${f.load > 2 ? 'out of reach here' : `${Math.round(100 * f.load)} % planned`}`,
     `bands ${f.bands} of ${f.bandsTotal} · rank ${f.rank}`,

@@ -48,7 +48,7 @@ export class Hud {
     const lines = figureLines({
       keysHz: perSecond('keys'), posesHz: perSecond('poses'), drawnHz: perSecond('drawn'), kbitPerS: (8 * perSecond('bytes')) / 1000,
       roundTripMs: status.clock && status.clock.roundTripUs / 1000, vertices: this.#view.vertices, verticesTotal: facts.vertexCount,
-      faces: this.#view.faces, profile: info?.profile, shown: live.shown, delayMs: live.delayUs / 1000, workMs: this.#stage.workMs,
+      faces: this.#view.faces, profile: info?.profile, shown: live.shown, shownUs: live.shownUs, delayMs: live.delayUs / 1000, workMs: this.#stage.workMs,
       load: this.#stage.load, bands: bitsOf(live.bands), bandsTotal: facts.bandEnds.length, rank: facts.rank,
     });
     this.element.replaceChildren(...lines.map((line) => this.#part('li', {}, line)));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 import { connect, profileIn, type Broker, type Stream } from '../client/client.js';
 import { checkedName } from '../client/url.js';
+import { Playout } from '../core/playout.js';
 import { Stage } from '../view/stage.js';
 import { View } from '../view/view.js';
 import { command, part } from './parts.js';
@@ -14,13 +15,15 @@ async function open(): Promise<void> {
   hideToken(place);
   if (place.query.has('file')) return location.replace(new URL(`show.html${location.search}`, import.meta.url));
   // Of the page, not of the stream.
-  const compared = place.query.get('compare'), profile = place.stream === '' ? {} : profileIn(new URLSearchParams([...place.query].filter(([name]) => name !== 'compare')));
+  const compared = place.query.get('compare'), group = place.query.get('sync');
+  const profile = place.stream === '' ? {} : profileIn(new URLSearchParams([...place.query].filter(([name]) => !/^(compare|sync)$/.test(name))));
+  const synced = group === null ? undefined : await import('./sync.js'), sync = synced?.checkedGroup(group!);
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {
     if (place.stream === '') return;
     // The broker names the surface in the page where anybody may see it.
     const expects = document.querySelector<HTMLLinkElement>('link[rel=prefetch]')?.href.slice(-64);
-    stream = broker.watch(checkedName(place.stream), { profile, ...(expects === undefined ? {} : { expects }) });
+    stream = broker.watch(checkedName(place.stream), { profile, expects, sync });
   };
   const connecting = connect(place.base, { token: place.token, meanwhile: watch }), staging = Stage.make(connecting.then(({ module }) => module));
   staging.catch(() => {});  // Said where it is awaited.
@@ -29,7 +32,9 @@ async function open(): Promise<void> {
     const [{ ListPage }, stage] = await Promise.all([import('./list_page.js'), staging.catch(() => undefined)]);
     return new ListPage(place, broker, stage, { View, part, command, pageOf }).run();
   }
-  const { view } = new StreamPage(place, broker, await staging, stream);
+  const stage = await staging;
+  if (synced) stream.playout = synced.inStep(new Playout(stage.core), broker, stream);
+  const { view } = new StreamPage(place, broker, stage, stream);
   if (compared !== null) document.querySelector('main')!.append((await import('./compare.js')).compare(view, broker, compared, profile, part));
 }
 

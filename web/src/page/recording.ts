@@ -2,9 +2,17 @@
 
 /** In the order of what is taken. */
 const KINDS = ['video/webm;codecs=vp9', 'video/webm;codecs=vp8', 'video/webm', 'video/mp4'];
-const BITS_PER_SECOND = 12_000_000, PICTURES_PER_SECOND = 30, EVERY_MS = 1000;
+const BITS_PER_SECOND = 12_000_000, PICTURES_PER_SECOND = 30, EVERY_MS = 1000, KEPT_MS = 60_000;
 /** It is kept in memory until it ends. */
 const MAX_BYTES = 2 ** 29;
+
+/** By the browser's download. Returns the file's name. */
+export function download(blob: Blob, stream: string): string {
+  const url = URL.createObjectURL(blob), name = `${stream.replaceAll('/', '_')}.${blob.type.split('/')[1]}`;
+  Object.assign(document.createElement('a'), { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), KEPT_MS);
+  return name;
+}
 
 /** What a canvas shows from now on, on its page's background, as a film. */
 export class Recording {

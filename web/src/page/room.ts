@@ -27,7 +27,7 @@ const STYLE = `
 `;
 
 /** To rooms and back: a broker, which a recording has not. */
-export type RoomWay = Pick<Broker, 'onRoom' | 'sendToRoom'>;
+export type RoomWay = Pick<Broker, 'onText' | 'sendText'>;
 interface Member {
   name: string;
   colour: string;
@@ -154,7 +154,7 @@ export class RoomDesk {
     sheet.replaceSync(STYLE);
     document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
     main.append(this.#panel);
-    broker.onRoom = (text) => this.#onText(text);
+    broker.onText.add((text) => this.#onText(text));
     const { canvas } = view, pixel = (event: MouseEvent): Pixel => {
       const { left, top } = canvas.getBoundingClientRect();
       return [event.clientX - left, event.clientY - top];
@@ -188,7 +188,7 @@ export class RoomDesk {
   }
 
   #send(op: string, fields: object): void {
-    this.#broker.sendToRoom(JSON.stringify({ op, room: this.#place.room, ...fields }));
+    this.#broker.sendText(JSON.stringify({ op, room: this.#place.room, ...fields }));
   }
   #enter(): void {
     this.#enteredMs = Date.now();

@@ -12,7 +12,7 @@ import type { RoomWay } from './room.js';
 import type { Recording } from './recording.js';
 import { bannerOf } from './words.js';
 
-const TURN_SECONDS = 12, SAID_MS = 4000, KEPT_MS = 60_000, BANNER_MS = 200;
+const TURN_SECONDS = 12, SAID_MS = 4000, BANNER_MS = 200;
 
 /** One stream, as large as the page. */
 export class StreamPage implements Desk {
@@ -68,7 +68,7 @@ export class StreamPage implements Desk {
     document.addEventListener('keydown', (event) => this.#onKey(event));
     this.#onFirstSurface();
     this.#onStatus();
-    if (place.room !== '' && broker.sendToRoom) void import('./room.js').then(({ RoomDesk }) => new RoomDesk(place, broker as RoomWay, stream, this.view, this.#main, part));
+    if (place.room !== '' && broker.sendText) void import('./room.js').then(({ RoomDesk }) => new RoomDesk(place, broker as RoomWay, stream, this.view, this.#main, part));
     if (stream.error) fail(stream.error);
     this.#refreshButtons();
     const turn = (nowMs: number): void => {
@@ -95,7 +95,7 @@ export class StreamPage implements Desk {
     this.#refreshBanner();
   }
   screenshot(wall: boolean): void {
-    void this.view.picture(wall).then((blob) => (blob ? this.#keep('screenshot', blob) : this.say('there is no picture yet')));
+    void this.view.picture(wall).then((blob) => (blob ? void this.#keep('screenshot', blob) : this.say('there is no picture yet')));
   }
   get isRecording(): boolean {
     return this.#isRecording;
@@ -126,7 +126,7 @@ export class StreamPage implements Desk {
       const recording = (this.#recording = new (await import('./recording.js')).Recording(this.view.canvas));
       if (!this.#isRecording) recording.stop();
       this.say('recording; K ends it');
-      this.#keep('film', await recording.film);
+      await this.#keep('film', await recording.film);
     } catch (error) {
       this.say((error as Error).message);
     }
@@ -135,11 +135,8 @@ export class StreamPage implements Desk {
     this.#refreshButtons();
   }
   /** By the browser's download. */
-  #keep(what: string, blob: Blob): void {
-    const url = URL.createObjectURL(blob), name = `${this.#stream.name.replaceAll('/', '_')}.${blob.type.split('/')[1]}`;
-    part('a', { href: url, download: name }).click();
-    setTimeout(() => URL.revokeObjectURL(url), KEPT_MS);
-    this.say(`${what}: ${name}`);
+  async #keep(what: string, blob: Blob): Promise<void> {
+    this.say(`${what}: ${(await import('./recording.js')).download(blob, this.#stream.name)}`);
   }
 
   #head(): HTMLElement {

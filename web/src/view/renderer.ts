@@ -80,7 +80,7 @@ export class Renderer {
     if (style.shadow || style.grid) this.#surroundings.drawFloor(camera, this.#lighting, style.grid, there.length > 0, pixelScale, tile, seen);
     gl.enable(gl.DEPTH_TEST);
     this.#drawMeshes(surfaces.filter((surface) => !surface.isCloud && !style.points), camera, style);
-    this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale);
+    this.#drawPoints(surfaces.filter((surface) => surface.isCloud || style.points), camera, height, pixelScale, quality.samples > 1);
     if (style.axes) this.#surroundings.drawAxes(camera);
     if (surfaces.length > 0 && surfaces.every((surface) => surface.isCloud && !surface.hasDiscs)) this.#finishCloud(camera, tile);
     else this.#target.present(tile);
@@ -129,8 +129,9 @@ export class Renderer {
     gl.disable(gl.BLEND);
   }
 
-  #drawPoints(surfaces: readonly GlSurface[], camera: Camera, height: number, pixelScale: number): void {
+  #drawPoints(surfaces: readonly GlSurface[], camera: Camera, height: number, pixelScale: number, isFine: boolean): void {
     if (surfaces.length === 0) return;
+    const gl = this.#gl;
     this.#lighting.light(this.#splat, camera);
     this.#splat.set({
       colour_table: 1, view_from_scene: camera.viewFromScene, clip_from_view: camera.clipFromView, pixel_scale: pixelScale,
@@ -142,6 +143,15 @@ export class Renderer {
         radius: (surface.isCloud ? 1.15 : 0.32) * Math.max(surface.spacing, 1e-4 * camera.radius), discs: surface.hasDiscs ? surface.scale : 0,
       });
       surface.drawPoints();
+      if (!surface.hasDiscs || !isFine) continue;
+      // Shade goes over from disc to disc.
+      this.#splat.set({ over: 1 });
+      gl.enable(gl.BLEND);
+      gl.depthMask(false);
+      surface.drawPoints();
+      gl.depthMask(true);
+      gl.disable(gl.BLEND);
+      this.#splat.set({ over: 0 });
     }
   }
 

@@ -121,7 +121,7 @@ test('PicturesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
     assert.ok(flipped.worst < 0.9, `flipped normals are seen: ${JSON.stringify(flipped)}`);
     assert.ok(shadowless.worst < 0.9, `a missing shadow is seen: ${JSON.stringify(shadowless)}`);
     const [points] = await both(['--points'], ['', { points: true }]);
-    assert.ok(points.mean > 0.97, `points: ${JSON.stringify(points)}`);
+    assert.ok(points.mean > 0.99, `points: ${JSON.stringify(points)}`);
     for (const colour of ['normals', 'own']) {
       const [coloured] = await both([`--colour=${colour}`], ['', { colour }]);
       assert.ok(coloured.mean > 0.99 && coloured.worst > 0.9, `${colour}: ${JSON.stringify(coloured)}`);
@@ -134,7 +134,7 @@ test('PicturesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
     }
     for (const lines of ['edges', 'wireframe']) {
       const [drawn, without] = await both([`--${lines}`], ['', { [lines]: true }], ['']);
-      assert.ok(drawn.mean > 0.95 && drawn.mean > without.mean + 0.01, `${lines}: ${JSON.stringify([drawn, without])}`);
+      assert.ok(drawn.mean > 0.99 && drawn.mean > without.mean + 0.01, `${lines}: ${JSON.stringify([drawn, without])}`);
     }
   });
 });
@@ -231,7 +231,7 @@ test('FilmsAndScreenshotsAreKept', async () => {
 });
 
 test('HiddenPagesTakeNoPoses', async () => {
-  programs.sender(broker, 'lab/moving', 'heart', '--rank', '24', '--memory', 'off');
+  programs.sender(broker, 'lab/moving', 'heart', '--rank', '24');
   await onPage(`${site.url}/picture?stream=lab/moving`, async (tab) => {
     const keys = 'view.live.stream.status.counts.keys + view.live.stream.status.counts.joins';
     const hide = (isHidden) => tab.evaluate(`Object.defineProperty(document, 'hidden', { configurable: true, get: () => ${isHidden} }); document.dispatchEvent(new Event('visibilitychange'))`);

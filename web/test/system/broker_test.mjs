@@ -14,7 +14,7 @@ import { BUILD, internals, sameBits, wasm, writerWasm } from '../unit/support.mj
 import { startSite } from '../browser/site.mjs';
 import { BIN, Programs } from './programs.mjs';
 
-const { connect, publish, watch } = internals;
+const { Core, connect, inStep, Playout, publish, watch } = internals;
 const programs = new Programs();
 const startBroker = (...given) => programs.broker(...given);
 const startSender = (broker, name, ...more) => programs.sender(broker, name, 'heart', '--rank', '24', ...more);
@@ -122,6 +122,33 @@ test('PosesAreThoseThatTheReferenceDecoderReads', async () => {
     } finally {
       socket.terminate();
       stream.close();
+    }
+  }
+});
+
+test('AGroupShowsOneMomentAsLateAsItsSlowest', async () => {
+  const LATE_MS = 120, core = await Core.make(wasm);
+  class Slow extends ws.WebSocket {
+    set onmessage(hear) {
+      super.onmessage = (event) => (typeof event.data === 'string' ? hear(event) : setTimeout(() => hear(event), LATE_MS));
+    }
+  }
+  const viewers = await Promise.all([[0, ws.WebSocket], [7_000_000, Slow]].map(async ([aheadUs, WebSocket]) => {
+    const nowUs = () => Math.round((performance.timeOrigin + performance.now()) * 1000) + aheadUs;
+    const broker = await connect(urlOf(shared), { ...options, environment: { ...environment, WebSocket, nowUs } }), stream = broker.watch('lab/heart', { profile: { rate: 'raw' }, sync: 'group' });
+    const playing = inStep(new Playout(core), broker, stream);
+    stream.on('pose', ({ captureUs, arrivalUs, coefficients, bands }) => playing.add(captureUs, BigInt(arrivalUs), coefficients, bands, false));
+    return { broker, playing, shownUs: () => playing.at(BigInt(nowUs()))?.timeUs };
+  }));
+  try {
+    await until(() => {
+      const [first, slow] = viewers.map(({ shownUs }) => Number(shownUs()));
+      return Math.abs(first - slow) < 10_000 && viewers[0].playing.delayUs > 0.9 * 1000 * LATE_MS;
+    }, 'the same moment', 150_000);
+  } finally {
+    for (const { broker, playing } of viewers) {
+      broker.close();
+      playing.free();
     }
   }
 });

@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, figureLines, History, linkOf, nameFrom, NumberPainter, otherTime, pageOf, pick, placeOf, pointFrom, positionsOf, RoomState, roundUp, tableOf, textFromMode, tileWidth } = internals;
+const { bannerOf, Camera, checkedGroup, figureLines, History, inStep, linkOf, nameFrom, NumberPainter, otherTime, pageOf, pick, placeOf, pointFrom, positionsOf, RoomState, roundUp, tableOf, textFromMode, tileWidth, timecodeOf } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -156,6 +156,32 @@ test('SurfacePointsOfOthersAreChecked', () => {
   assert.ok(new TextEncoder().encode(nameFrom('\u{1f600}'.repeat(40))).length <= 64);
 });
 
+test('AGroupShowsTheMomentThatTheBrokerSays', () => {
+  assert.equal(checkedGroup('op.room-1_a'), 'op.room-1_a');
+  for (const wrong of ['', 'A', 'a b', 'x'.repeat(33)]) assert.throws(() => checkedGroup(wrong), { code: 'invalid-argument' });
+  const kept = [], sent = [], onText = new Set(), unknown = -(2n ** 63n), broker = { onText, sendText: (text) => sent.push(JSON.parse(text)) };
+  let needed = unknown, freed = 0;
+  const stream = { name: 'lab/horse', status: {} };
+  const playing = inStep({ keepLag: (lag) => (kept.push(lag), needed), at: (nowUs) => nowUs, free: () => ++freed }, broker, stream);
+  const moment = (text) => onText.forEach((hear) => hear(text));
+  assert.equal(playing.at(3n), 3n);
+  stream.status = { clock: { offsetUs: 1_000 } };
+  moment('{"op":"moment","stream":"lab/other","lag_us":9}');
+  playing.at(3n);
+  moment('{"op":"moment","stream":"lab/horse","lag_us":41000}');
+  needed = 30_000n;
+  playing.at(3n);
+  playing.at(3n);
+  assert.deepEqual(sent, [{ op: 'late', stream: 'lab/horse', lag_us: 31_000 }], 'on the clock of the broker, not with each picture');
+  for (const evil of ['{"op":"moment"', '{"op":"moment","stream":"lab/horse","lag_us":"1"}', '{"op":"moment","stream":"lab/horse"}']) moment(evil);
+  playing.at(3n);
+  moment('');
+  playing.at(3n);
+  assert.deepEqual(kept, [unknown, unknown, 40_000n, 40_000n, 40_000n, unknown], 'on our own; none of a connection that is new');
+  playing.free();
+  assert.deepEqual([freed, onText.size], [1, 0]);
+});
+
 test('AddressesSayBrokerStreamProfileAndCamera', () => {
   const script = 'https://host/behind/v1/web/page.js';
   const place = placeOf(new URL('https://host/behind/lab/horse?rate=raw&embed=1#eye=1,2,3&target=0,0,0.5&access_token=secret'), script);
@@ -205,9 +231,11 @@ test('WordsAreThoseOfTheNativeClient', () => {
   assert.equal(textFromMode({ ...profile, rate: 'estimated', scheme: 'damped' }), 'estimated x3 damped');
   const lines = figureLines({
     keysHz: 30, posesHz: 90, drawnHz: 59.9, kbitPerS: 412, roundTripMs: 3.24, vertices: 4096, verticesTotal: 42321, faces: 8190, profile, shown: 'interpolated',
-    delayMs: 12, workMs: 3.2, load: 0.4, bands: 3, bandsTotal: 4, rank: 200,
+    shownUs: -1_000n, delayMs: 12, workMs: 3.2, load: 0.4, bands: 3, bandsTotal: 4, rank: 200,
   });
   assert.equal(lines[0], '30 keys/s · 90 poses/s · 60 drawn/s');
+  assert.match(lines[4], /12 ms held back · 23:59:59.999$/);
+  assert.equal(timecodeOf(86_400_000_000n * 3n + 3_723_004_000n), '01:02:03.004');
   assert.equal(lines[2], 'LOD 0.10 · 4,096 of 42,321 vertices, 8,190 faces');
 });
 

@@ -55,6 +55,17 @@ test('PosesNotAfterTheNewestAreDropped', () => {
   playout.free();
 });
 
+test('ALagIsKeptWhateverTheSettingsSay', () => {
+  const playout = fed({ mode: 'interpolate', delayUs: 500_000 }, 5), unknown = -(2n ** 63n);
+  assert.equal(new Playout(core).keepLag(unknown), unknown, 'no pose has come');
+  assert.equal(playout.keepLag(130_000n), 120_000n, 'the way, and an interval');
+  assert.equal(playout.at(430_000n).timeUs, 300_000n);
+  assert.equal(playout.delayUs, 110_000);
+  playout.keepLag(unknown);
+  assert.equal(playout.delayUs, 500_000);
+  playout.free();
+});
+
 test('AKeySentAheadIsMovedTowardsAndPosesComeBeforeIt', () => {
   const playout = fed({ mode: 'interpolate', delayUs: 100_000 }, 3);
   playout.addNext(400_000n, [4], 0xff);
