@@ -50,14 +50,14 @@ class Chain:
     def __init__(self):
         self.sequence, self.capture_us, self.age_us = None, 0, 0
 
-    def write(self, kind, bands, sequence, capture_us, tag=FIRST_TAG):
-        """Of a join of two equal keys, or of a key."""
+    def write(self, kind, bands, sequence, capture_us, tag=FIRST_TAG, age_us=0):
+        """Of a join, of two equal keys if `age_us` is 0, or of a key."""
         if kind == JOIN:
-            head = bytes([kind, 0, tag, bands]) + varint(sequence) + varint(capture_us) + varint(0)
+            head = bytes([kind, 0, tag, bands]) + varint(sequence) + varint(capture_us) + varint(age_us)
         else:
             delay = capture_us - self.capture_us - self.age_us
             head = bytes([kind, 0, tag, sequence & 255, bands]) + varint(2 * delay if delay >= 0 else -2 * delay - 1)
-        self.note(kind, sequence, capture_us, 0)
+        self.note(kind, sequence, capture_us, age_us)
         return head
 
     def note(self, kind, sequence, capture_us, age_us):

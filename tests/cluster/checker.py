@@ -101,6 +101,7 @@ def summary(checker, plan, again_s):
     return {"faults_survived": len(plan), "faults": dict(collections.Counter(fault.kind for fault in plan).most_common()),
             "violations": len(checker.violations), "codes": dict(collections.Counter(violation.code for violation in checker.violations)),
             "frames": checker.counts["frame"], "connections": checker.counts["connected"], "announcements": checker.counts["announced"],
+            "changes": checker.counts["change-over"], "recalled": checker.counts["recalled"], "heard_in_rooms": checker.counts["heard"],
             "recordings": checker.counts["recording"], "last_viewer_moves_after_s": round(again_s, 2), "recovery": recovery(checker.outages),
             "recovery_by_last_fault": {kind: recovery(outage for outage in checker.outages if outage.kind == kind) for kind in kinds}}
 

@@ -8,14 +8,17 @@ import hashlib
 import itertools
 import json
 import os
+import re
 import socket
 import struct
 import time
 
 import poses
+from said import KEYS, said_after
 from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, frame
 
 PORT = 7490
+CHANGE_S = 7.0
 PATIENCE_S = 4.0  # Without a byte for so long a client connects anew.
 CONNECT_S = 2.0
 RETRY_S = 0.2
@@ -177,14 +180,32 @@ class Client:
         await asyncio.gather(self.task, return_exceptions=True)
 
 
+    async def fetch(self, broker, path, body=None):
+        """Status and body of a GET, or of a PUT of `body`."""
+        host, address, port = broker.reached_from(self)
+        sock = await connected(host, address, port)
+        try:
+            reader, writer = await asyncio.open_connection(sock=sock)
+            what = f"GET {path}" if body is None else f"PUT {path}"
+            length = "" if body is None else f"Content-Length: {len(body)}\r\n"
+            writer.write(f"{what} HTTP/1.1\r\nHost: localhost\r\n{length}\r\n".encode() + (body or b""))
+            async with asyncio.timeout(PATIENCE_S):
+                head = await reader.readuntil(b"\r\n\r\n")
+                answer = await reader.readexactly(int(re.search(rb"(?i)content-length: (\d+)", head)[1]))
+            writer.close()
+        except TimeoutError:
+            raise Gone("silent") from None
+        finally:
+            sock.close()
+        return head.split()[1], answer
+
+
 class Sender(Client):
     """Sends one stream of poses with tags (poses.py), to the first broker that takes it."""
 
     def __init__(self, cluster, host, brokers, stream, number, velocities, rate):
         self.stream, self.number, self.velocities, self.rate = stream, number, velocities, rate
         self.paused_until, self.resume = 0.0, ""  # Times of the steady clock.
-        self.body = f"the surface of sender {number}, of which the broker knows nothing".encode()
-        self.asset = hashlib.sha256(self.body).hexdigest()
         super().__init__(cluster, host, brokers)
 
     def pause(self, seconds):
@@ -196,48 +217,65 @@ class Sender(Client):
             self.web.close()
         self.drop()
 
-    async def upload(self, broker):
-        host, address, port = broker.reached_from(self)
-        sock = await connected(host, address, port)
-        try:
-            reader, writer = await asyncio.open_connection(sock=sock)
-            writer.write(f"PUT /v1/assets/{self.asset} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(self.body)}\r\n"
-                         "Connection: close\r\n\r\n".encode() + self.body)
-            async with asyncio.timeout(PATIENCE_S):
-                head = await reader.readuntil(b"\r\n\r\n")
-            writer.close()
-        finally:
-            sock.close()
-        if head.split()[1] not in (b"200", b"201"):
-            raise Gone(f"upload: {head.splitlines()[0].decode()}")
+    async def upload(self, broker, announcement):
+        """The surface of an announcement; returns its name."""
+        body = f"surface {announcement} of sender {self.number}, of which the broker knows nothing".encode()
+        asset = hashlib.sha256(body).hexdigest()
+        status, _ = await self.fetch(broker, f"/v1/assets/{asset}", body)
+        if status not in (b"200", b"201"):
+            raise Gone(f"upload: {status.decode()}")
+        return asset
 
     async def once(self, broker):
-        await self.upload(broker)
+        self.announcement, self.has_epoch = next(self.cluster.announcements), asyncio.Event()
+        asset = await self.upload(broker, self.announcement)
         await self.reach(broker, f"/v1/publish/{self.stream}")
-        announcement = next(self.cluster.announcements)
-        granted = asyncio.get_running_loop().create_future()
-        await self.web.send({"op": "announce", "asset": self.asset, "format": poses.form(self.velocities), "key_rate_hz": self.rate,
-                             "resume": self.resume})
-        await self.both(self.listen(broker, announcement, granted), self.play(announcement, granted), self.pings())
+        granted = asyncio.Queue()
+        await self.announce(asset)
+        await self.both(self.listen(broker, granted), self.play(granted), self.pings(), self.changes(broker))
 
-    async def listen(self, broker, announcement, granted):
+    async def announce(self, asset, **more):
+        await self.web.send({"op": "announce", "asset": asset, "format": poses.form(self.velocities), "key_rate_hz": self.rate, **more,
+                             "resume": self.resume})
+
+    async def changes(self, broker):
+        """Another surface now and then, to which the poses that come change over."""
+        while True:
+            await self.has_epoch.wait()
+            await asyncio.sleep(CHANGE_S + self.number)
+            announcement = next(self.cluster.announcements)
+            try:
+                asset = await self.upload(broker, announcement)
+            except (OSError, Gone, asyncio.IncompleteReadError):
+                continue  # Its disk is full, or it is paused.
+            self.announcement = announcement
+            self.has_epoch.clear()
+            await self.announce(asset, **{"continues": True})
+
+    async def listen(self, broker, granted):
+        is_later = False
         async for messages in self.web.messages():
             for opcode, payload in messages:
                 message = json.loads(payload) if opcode == TEXT else {}
                 if message.get("op") == "announced":
-                    self.cluster.record("announced", stream=self.stream, epoch=message["epoch"], broker=broker.name, announcement=announcement)
-                    self.resume = message.get("resume", "")
-                    granted.set_result(message["tag"])
+                    self.cluster.record("announced", stream=self.stream, epoch=message["epoch"], broker=broker.name,
+                                        announcement=self.announcement, continues=is_later)
+                    self.resume, is_later = message.get("resume", ""), True
+                    self.has_epoch.set()
+                    granted.put_nowait((message["tag"], self.announcement))
                 elif message.get("op") == "error":
                     raise Gone(f"{message['code']}: {message['message']}")
 
-    async def play(self, announcement, granted):
-        tag, chain = await granted, poses.Chain()
+    async def play(self, granted):
+        (tag, announcement), chain = await granted.get(), poses.Chain()
         began = time.monotonic()
         for sequence in itertools.count():
-            kind = poses.KEY if sequence else poses.JOIN
-            head = chain.write(kind, 3, sequence, monotonic_us(), tag)
-            await self.web.send(head + poses.payload(kind, self.number, announcement, sequence, self.rate, self.velocities))
+            kind, now_us, age_us = poses.KEY if sequence else poses.JOIN, monotonic_us(), 0
+            if not granted.empty():  # The poses go on, after the last one in the new basis.
+                (tag, announcement), kind, age_us = granted.get_nowait(), poses.JOIN, now_us - chain.capture_us
+            head = chain.write(kind, 3, sequence, now_us, tag, age_us)
+            await self.web.send(head + poses.payload(kind, self.number, announcement, sequence, self.rate, self.velocities,
+                                                     sequence - 1 if age_us else None))
             due = began + (sequence + 1) / self.rate
             if due < time.monotonic() - 0.2:  # Behind: goes on from now.
                 began = time.monotonic() - (sequence + 1) / self.rate
@@ -256,16 +294,35 @@ class Viewer(Client):
     async def once(self, broker):
         await self.reach(broker, f"/v1/subscribe/{self.stream}?{self.profile}")
         self.newest = self.epoch = self.tag = None
-        await self.both(self.watch(broker), self.pings(), *([self.acks()] if self.acknowledges else []))
+        self.generation, memories = 0, asyncio.Queue()
+        await self.both(self.watch(broker, memories), self.pings(), *([self.acks(), self.remember(broker, memories)] if self.acknowledges else []))
 
     async def acks(self):
         while True:
             await asyncio.sleep(0.1)
             if self.newest:
                 id_, sequence, step = self.newest
-                await self.web.send({"op": "ack", "items": [{"stream_id": id_, "sequence": sequence, "step": step}], "time_us": monotonic_us()})
+                item = {"stream_id": id_, "sequence": sequence, "step": step, "generation": self.generation}
+                await self.web.send({"op": "ack", "items": [item], "time_us": monotonic_us()})
 
-    async def watch(self, broker):
+    async def remember(self, broker, memories):
+        """Fetches memories, and says so: keys may be predicted from them then. It decodes none."""
+        segments = []
+        while True:
+            message = await memories.get()
+            segments[message.get("kept", 0):] = message["segments"]
+            why = ""
+            for segment in message["segments"]:
+                status, body = await self.fetch(broker, f"/v1/assets/{segment}")
+                if status == b"200" and hashlib.sha256(body).hexdigest() != segment:
+                    why = f"segment {segment} is other bytes"
+                if status != b"200":
+                    break
+            else:
+                self.cluster.record("memory", viewer=self.name, generation=message["generation"], segments=len(segments), why=why)
+                self.generation = message["generation"]
+
+    async def watch(self, broker, memories):
         record, viewer, chain = self.cluster.record, self.name, poses.Chain()
         async for messages in self.web.messages():
             for opcode, payload in messages:
@@ -275,8 +332,8 @@ class Viewer(Client):
                         record("frame", viewer=viewer, kind=poses.KEY, id=0, epoch=0, sequence=0, at=0, of=0, ahead=False, capture=0, tag=None)
                         continue
                     self.newest = (head.stream_id, head.sequence, head.at << 4 | head.of)
-                    record("frame", viewer=viewer, kind=head.kind, id=head.stream_id, epoch=self.epoch if head.tag == self.tag else 0,
-                           sequence=head.sequence, at=head.at, of=head.of, ahead=head.ahead, capture=head.shown_us,
+                    record("frame", viewer=viewer, kind=head.kind, recalled=bool(payload[0] & 32), id=head.stream_id,
+                           epoch=self.epoch if head.tag == self.tag else 0, sequence=head.sequence, at=head.at, of=head.of, ahead=head.ahead, capture=head.shown_us,
                            tag=poses.tag_of(head.kind, head.bands, payload[head.size:], self.channels))
                     continue
                 message = json.loads(payload) if opcode == TEXT else {}
@@ -285,7 +342,62 @@ class Viewer(Client):
                 elif message.get("op") == "stream":
                     self.newest, self.epoch, self.tag = None, message["epoch"], message.get("tag")
                     record("state", viewer=viewer, stream=message["stream"], id=message["stream_id"], epoch=message["epoch"],
-                         profile=message.get("profile", {}), state=message["state"])
+                           profile=message.get("profile", {}), state=message["state"])
+                    if asset := message.get("next", {}).get("asset"):
+                        await self.web.send({"op": "prepared", "stream": message["stream"], "asset": asset})
+                elif message.get("op") == "remember":
+                    memories.put_nowait(message)
+
+
+class Person(Client):
+    """Is in a room of one broker, and says there what said.py has."""
+    ROOM, SAY_S = "cluster/room", 0.25
+
+    def __init__(self, cluster, host, brokers, name, by_relay):
+        self.name, self.by_relay, self.times, self.resume = name, by_relay, 0, ""
+        super().__init__(cluster, host, brokers)
+
+    async def once(self, broker):
+        await self.reach(broker, "/v1/subscribe")
+        self.speaks, self.is_fresh = asyncio.Event(), True
+        await self.web.send({"op": "enter", "room": self.ROOM, "name": self.name, "resume": self.resume})
+        await self.both(self.listen(broker), self.speak(), self.pings())
+
+    async def speak(self):
+        await self.speaks.wait()
+        while True:
+            self.times += 1
+            self.cluster.record("said", person=self.name, times=self.times)
+            values, changed = said_after(self.times), f"k{self.times % KEYS}"
+            keys = [f"k{key}" for key in range(KEYS)] if self.is_fresh else [changed]
+            self.is_fresh = False
+            await self.web.send({"op": "say", "room": self.ROOM, "values": {key: values.get(key) for key in ["times", *keys]}})
+            await asyncio.sleep(self.SAY_S)
+
+    async def listen(self, broker):
+        run, members = "", {}
+        async for messages in self.web.messages():
+            for opcode, payload in messages:
+                message = json.loads(payload) if opcode == TEXT else {}
+                if message.get("op") == "welcome":
+                    run = message["session_id"]
+                elif message.get("op") == "error":
+                    raise Gone(f"{message['code']}: {message['message']}")
+                elif message.get("op") == "room":
+                    if "self" in message:
+                        self.resume = message["resume"]
+                        self.cluster.record("entered", person=self.name, broker=broker.name, run=run, id=message["self"])
+                        self.speaks.set()
+                    members = {} if message.get("whole") else members
+                    for gone in message.get("gone", []):
+                        members.pop(gone, None)
+                    for change in message.get("members", []):
+                        member = members.setdefault(change["id"], {"name": "", "values": {}})
+                        member["name"] = change.get("name", member["name"])
+                        for key, value in change.get("values", {}).items():
+                            member["values"].pop(key, None) if value is None else member["values"].update({key: value})
+                    for id_ in {change["id"] for change in message.get("members", [])}:
+                        self.cluster.record("heard", person=self.name, id=id_, name=members[id_]["name"], values=dict(members[id_]["values"]))
 
 
 class Relay:

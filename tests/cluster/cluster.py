@@ -231,7 +231,7 @@ class Cluster:
         self.checker, self.history = checker, history
         self.began = time.monotonic()
         self.announcements = itertools.count(1)
-        self.nats, self.brokers, self.machines, self.senders, self.viewers = {}, {}, {}, {}, []
+        self.nats, self.brokers, self.machines, self.senders, self.viewers, self.people = {}, {}, {}, {}, [], []
         self.left_out = {} if clock else {"step-clock": "no library of stepped clocks"}
         why = alone_with_mounts()
         self.has_mounts = not why
@@ -287,7 +287,10 @@ class Cluster:
             here, by_relay = number % 3 == 0, number % 3 == 1
             host, name = self.network.hosts[broker] if here else self.away, f"v{number}@{broker} of {stream}"
             self.viewers.append(clients.Viewer(self, host, [self.brokers[broker]], name, stream, sender, channels, next(profiles),
-                                               number % 4 == 1, by_relay))
+                                               number % 4 == 1 or channels == 0, by_relay))
+        for number, broker in itertools.product(range(3), BROKERS):
+            here = [self.network.hosts[broker], self.away, self.away][number]
+            self.people.append(clients.Person(self, here, [self.brokers[broker]], f"p{number}@{broker}", number == 2))
         for number, (stream, sender, channels) in enumerate(streams[:3]):  # They go to any broker.
             self.viewers.append(clients.Viewer(self, self.away, rotated(number), f"w{number} of {stream}", stream, sender, channels,
                                                next(profiles), True, False))
@@ -308,7 +311,7 @@ class Cluster:
     # ---- The end ----
 
     async def end_clients(self):
-        for client in [*self.viewers, *self.senders.values()]:
+        for client in [*self.viewers, *self.people, *self.senders.values()]:
             await client.end()
 
     async def start_and_stop_brokers(self):

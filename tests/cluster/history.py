@@ -6,18 +6,25 @@ An event is a dict with `what` and `t` (seconds, never falling):
     fault      number, kind, phase (begin, over); at its begin also disturbs (the brokers, the stream or "nats") and isolates (brokers
                that may be without NATS meanwhile)
     healed     from here on there are no faults: everything must move again
-    announced  stream, epoch, broker, announcement: a sender was granted an epoch; `announcement` is in the tags of its poses from here on
+    announced  stream, epoch, broker, announcement, continues: a sender was granted an epoch; `announcement` is in the tags of its poses
+               from here on; `continues`: on the connection of the one before, whose poses go on
     viewer     viewer, stream, number: there is one, which must move in the end
     connected  viewer, stream, number, broker, run: a viewer reached a broker's run (its session id); `number` is the stream's
     state      viewer, stream, id, epoch, profile: a `stream` message
     frame      viewer, kind, id, epoch, sequence, at, of, ahead, capture (of what it shows), tag: a binary message; `tag` = (stream, announcement,
-               position) as its pose carries it, None where it carries none
+               position) as its pose carries it, None where it carries none; `recalled`: a memory is needed to decode it
+    memory     viewer, generation, segments, why: a viewer holds one, and says so from here on; `why`: what is wrong with its bytes
+    said       person, times: somebody in a room says what said_after(times) has (said.py)
+    entered    person, broker, run, id: is in the room of a broker, as this member
+    heard      person, id, name, values: what it knows now of a member of which it was told something
     exit       program, status, asked: a program ended; `asked`: by SIGTERM
     recording  file, stream, number, whole, tags, why: one file after the brokers' last start; `tags` = list of (stream, announcement)
                sets, one for each announcement in it, `why` = what is wrong with its bytes, or ""
 """
 import collections
 import dataclasses
+
+from said import said_after
 
 KEY, JOIN, STEP, ESTIMATE = 1, 2, 3, 4
 MOTION = 10  # So many newer poses in a row are motion.
@@ -60,6 +67,16 @@ class Connection:
     key_capture: int = -1
     shown: int = -1  # Capture time of the newest pose shown.
     poses: int = 0  # Newer ones of this epoch.
+    remembers: bool = False  # It has held a memory of this epoch.
+
+
+@dataclasses.dataclass
+class Presence:
+    """What somebody in a room has heard."""
+    broker: str
+    run: str
+    id: int
+    heard: dict = dataclasses.field(default_factory=dict)  # Name -> times, on this connection.
 
 
 @dataclasses.dataclass
@@ -89,6 +106,10 @@ class Checker:
         self._seen = collections.defaultdict(Seen)
         self._faults = {}  # By number.
         self._isolated = collections.defaultdict(list)  # Broker -> Faults.
+        self._said = collections.Counter()  # Person -> times.
+        self._said_then = collections.Counter()  # When all was healed.
+        self._presences = {}  # Of each person the last one.
+        self._members = collections.Counter()  # Person, run, id of a member -> times heard of it.
         self._moved = {}  # Viewer -> time of its newest pose, what it needed then.
 
     def take(self, event):
@@ -110,6 +131,11 @@ class Checker:
                 stalled[viewer] = f"{stream}: epoch {epoch}, {connection.poses} poses, the last at {self._moved.get(viewer, ('no time',))[0]}"
             elif len(epochs[stream]) > 1:
                 stalled[viewer] = f"{stream}: epochs {sorted(epochs[stream])} at once"
+        for person, presence in self._presences.items():
+            for other, at in self._presences.items():
+                heard = presence.heard.get(other, 0)
+                if other != person and at.broker == presence.broker and heard <= self._said_then[other]:
+                    stalled[person] = f"of {other} it has heard {heard} times, {self._said_then[other]} were said before all was healed"
         return stalled
 
     def finish(self, t):
@@ -129,9 +155,11 @@ class Checker:
     def _on_healed(self, event):
         for connection in self._connections.values():
             connection.poses = 0
+        self._said_then = self._said.copy()
 
     def _on_announced(self, event):
         stream, epoch = event["stream"], event["epoch"]
+        self.counts["change-over"] += event.get("continues", False)
         for before in self._announced[stream]:
             if before["epoch"] == epoch:
                 self._violate("epoch-twice", event["t"],
@@ -156,8 +184,10 @@ class Checker:
         if event["epoch"] != connection.epoch:
             if 0 < event["epoch"] < seen.epoch:
                 self._violate("epoch-fell", event["t"], f"{event['viewer']}: epoch {event['epoch']} after {seen.epoch}")
-            connection.epoch, connection.newest, connection.poses = event["epoch"], None, 0
-            connection.key_capture = connection.shown = -1
+            goes_on = any(a["epoch"] == event["epoch"] and a.get("continues") for a in self._announced[connection.stream])
+            if not goes_on or connection.epoch == 0 or (connection.profile or {}).get("rate") == "estimated":
+                connection.key_capture = connection.shown = -1
+            connection.epoch, connection.newest, connection.poses, connection.remembers = event["epoch"], None, 0, False
             if event["epoch"] > seen.epoch:
                 seen.epoch, seen.newest = event["epoch"], -1
         if event["profile"] != connection.profile:  # Profiles differ in how far they are behind.
@@ -170,6 +200,10 @@ class Checker:
         if event["id"] != connection.id or event["epoch"] != connection.epoch:
             return self._violate("unannounced", t,
                                  f"{where} of stream {event['id']}: announced was stream {connection.id}, epoch {connection.epoch}")
+        if event.get("recalled"):
+            self.counts["recalled"] += 1
+            if not connection.remembers:
+                self._violate("undecodable", t, f"{where}: it needs a memory, of which the viewer has said nothing")
         self._check_chain(connection, event, where)
         self._check_tag(connection, event, where)
         seen = self._seen[viewer, connection.run]
@@ -224,6 +258,35 @@ class Checker:
         least, most = (0, 0) if event["kind"] in (KEY, JOIN) else between
         if not least <= position - event["sequence"] <= most:
             self._violate("other-pose", event["t"], f"{where}: the pose says {position}")
+
+    def _on_memory(self, event):
+        self._connections[event["viewer"]].remembers = True
+        if event["why"]:
+            self._violate("memory", event["t"], f"{event['viewer']}: generation {event['generation']}: {event['why']}")
+
+    def _on_said(self, event):
+        self._said[event["person"]] = event["times"]
+
+    def _on_entered(self, event):
+        self._presences[event["person"]] = Presence(event["broker"], event["run"], event["id"])
+
+    def _on_heard(self, event):
+        person, name, times = event["person"], event["name"], event["values"].get("times")
+        presence = self._presences.get(person)
+        where = f"{person} hears of member {event['id']} '{name}' {event['values']}"
+        if presence is None or name not in self._said and times is not None:
+            return self._violate("foreign", event["t"], f"{where}: nobody of that name has spoken")
+        if times is None:  # It is silent, or has left.
+            return
+        if times > self._said[name]:
+            self._violate("foreign", event["t"], f"{where}: it has spoken {self._said[name]} times")
+        before = self._members[person, presence.run, event["id"]]
+        if times < before:
+            self._violate("stale", event["t"], f"{where}: after {before}")
+        self._members[person, presence.run, event["id"]] = max(before, times)
+        if event["values"] != said_after(times):
+            self._violate("other-values", event["t"], f"{where}: it said {said_after(times)}")
+        presence.heard[name] = max(presence.heard.get(name, 0), times)
 
     def _on_exit(self, event):
         if not event["asked"]:

@@ -11,6 +11,7 @@ import nemesis
 import poses
 import recordings
 from history import ESTIMATE, JOIN, KEY, MOTION, STEP, checked, distribution
+from said import said_after
 
 RAW, LINEAR, CURVED, ESTIMATED = ({"rate": "raw"}, {"rate": "interpolated", "k": 2}, {"rate": "interpolated", "k": 2, "scheme": "catmull-rom"},
                                   {"rate": "estimated"})
@@ -28,8 +29,9 @@ class History:
         self.events.append({"what": what, "t": self.t, **fields})
         return self
 
-    def announced(self, epoch, announcement=None, broker="b1", stream="s"):
-        return self.record("announced", stream=stream, epoch=epoch, broker=broker, announcement=epoch if announcement is None else announcement)
+    def announced(self, epoch, announcement=None, broker="b1", stream="s", continues=False):
+        return self.record("announced", stream=stream, epoch=epoch, broker=broker, announcement=epoch if announcement is None else announcement,
+                           continues=continues)
 
     def connected(self, profile, epoch=5, viewer="v", run="first", broker="b1"):
         self.epoch, self.viewer, self.profile = epoch, viewer, profile
@@ -51,6 +53,15 @@ class History:
         for sequence in range(first + 1, last + 1):
             self.frame(KEY, sequence)
         return self
+
+    def said(self, person, times):
+        return self.record("said", person=person, times=times)
+
+    def entered(self, person, id, run="first", broker="b1"):
+        return self.record("entered", person=person, broker=broker, run=run, id=id)
+
+    def heard(self, person, id, name, times, **other):
+        return self.record("heard", person=person, id=id, name=name, values={**(said_after(times) if times else {}), **other})
 
     def fault(self, kind, disturbs=(), isolates=(), number=1):
         return self.record("fault", number=number, kind=kind, phase="begin", disturbs=disturbs, isolates=isolates)
@@ -93,6 +104,40 @@ class Histories(unittest.TestCase):
 
     def test_a_takeover_is_good(self):
         self.assert_codes(good().announced(6, broker="b2").state(6).moves(0))
+
+    def test_poses_go_on_where_an_epoch_continues(self):
+        changed = lambda profile=RAW: (History().announced(5).connected(profile).moves().announced(6, continues=True).frame(KEY, 111)
+                                       .state(6))
+        self.assert_codes(changed().moves(112))
+        self.assert_codes(changed().frame(JOIN, 112, capture=110 * INTERVAL).moves(113), "stale")
+        self.assert_codes(good().announced(6).state(6).frame(JOIN, 0, capture=5).moves(1))  # Of another sender's clock.
+        self.assert_codes(changed().frame(JOIN, 112, tag=(1, 5, 112)).moves(113), "foreign")
+
+    def test_keys_of_a_memory_that_nobody_holds(self):
+        held = lambda why="": good().record("memory", viewer="v", generation=1, segments=1, why=why)
+        self.assert_codes(held().frame(KEY, 111, recalled=True))
+        self.assert_codes(good().frame(KEY, 111, recalled=True), "undecodable")
+        self.assert_codes(held().connected(RAW).frame(JOIN, 111, recalled=True).moves(112), "undecodable")
+        self.assert_codes(held().announced(6).state(6).frame(JOIN, 0, recalled=True).moves(1), "undecodable")
+        self.assert_codes(held("other bytes"), "memory")
+
+    def test_a_room(self):
+        room = lambda: good().entered("p", 1).entered("q", 2).said("p", 7).said("p", 8).heard("q", 1, "p", 7).said("q", 3).heard("p", 2, "q", 3)
+        self.assert_codes(room().heard("q", 1, "p", 8).heard("q", 1, "p", 0))  # In the end it has left.
+        self.assert_codes(room().heard("q", 1, "p", 8).heard("q", 1, "p", 7), "stale")
+        self.assert_codes(room().heard("q", 1, "p", 8).entered("q", 2).heard("q", 1, "p", 7), "stale")  # It came back to the same run.
+        self.assert_codes(room().heard("q", 1, "p", 8).entered("q", 4, "second").heard("q", 1, "p", 7))
+        self.assert_codes(room().heard("q", 1, "p", 9), "foreign")
+        self.assert_codes(room().heard("q", 1, "r", 1), "foreign")
+        self.assert_codes(room().heard("q", 1, "p", 8, k4=4), "other-values")  # Which had been removed.
+
+    def test_somebody_who_hears_nothing_any_more(self):
+        room = lambda: good().entered("p", 1).entered("q", 2).said("p", 7).said("q", 3).record("healed").moves(111)
+        self.assert_codes(room().heard("q", 1, "p", 7).heard("p", 2, "q", 3), "stalled")
+        room_heard = room().said("p", 8).said("q", 4).heard("q", 1, "p", 8).heard("p", 2, "q", 4)
+        self.assert_codes(room_heard)
+        self.assert_codes(room_heard.entered("p", 3), "stalled")
+        self.assert_codes(good().entered("p", 1).said("p", 7).entered("q", 2, broker="b2").said("q", 3))  # Of two brokers: two rooms.
 
     def test_a_viewer_that_skips_gets_a_join(self):
         self.assert_codes(good().frame(JOIN, 150).frame(KEY, 151))

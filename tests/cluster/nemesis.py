@@ -109,5 +109,5 @@ class Nemesis:
             "slow": (of_relays(lambda relay: relay.set_pace(0.25, 4e4)), of_relays(lambda relay: relay.set_pace(0.0, 0.0))),
             "full": (lambda: target.fill_disk(True), lambda: target.fill_disk(False)),
             "step": (lambda: target.step_clock(fault.amount), lambda: target.step_clock(0)),
-            "reset": (lambda: [viewer.drop() for viewer in self.cluster.viewers if viewer.brokers[0] is target], None),
+            "reset": (lambda: [client.drop() for client in self.cluster.viewers + self.cluster.people if client.brokers[0] is target], None),
         }[effect]

@@ -24,14 +24,14 @@ def tag_of(kind, bands, payload, channels):
     return round(stream, 3), round(announcement, 3), position
 
 
-def payload(kind, stream, announcement, sequence, rate, velocities):
-    """Of a key, or of a join of two equal ones."""
-    row = [float(stream), float(announcement), float(sequence)] + ([0.0, 0.0, float(rate)] if velocities else [])
-    still = [0.5] * len(row)
+def payload(kind, stream, announcement, sequence, rate, velocities, older=None):
+    """Of a key, or of a join, whose older key is that of the sequence `older`, or equal."""
+    row_of = lambda of: [float(stream), float(announcement), float(of)] + ([0.0, 0.0, float(rate)] if velocities else [])
+    still = [0.5] * len(row_of(0))
+    keys = ([sequence if older is None else older] if kind == JOIN else []) + [sequence]
     sections = b""
-    for rows in ([row], [still] * 3):
-        run = b"".join(struct.pack(f"<{len(r)}f", *r) for r in rows)
-        run *= 2 if kind == JOIN else 1
+    for rows_of in (lambda of: [row_of(of)], lambda _: [still] * 3):
+        run = b"".join(struct.pack(f"<{len(r)}f", *r) for of in keys for r in rows_of(of))
         sections += varint(len(run)) + run
     return bytes([1, 0]) + (bytes([0, 3]) if kind == JOIN else b"") + sections
 
