@@ -11,7 +11,7 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::size_t kMaxRemoved = 256;
+constexpr std::size_t kMaxRemoved = 1024;
 constexpr std::string_view kNothing = "null";
 
 std::int64_t value_bytes(const std::string& key, const std::string& json) {
@@ -30,17 +30,24 @@ class NewsWriter {
     message_.whole = whole;
   }
   control::Room& message() { return message_; }
+  void gone(std::uint32_t member) {
+    constexpr std::size_t kIdBytes = 11;
+    if ((bytes_ += kIdBytes) > Rooms::kMessageBytes || message_.gone.size() == limits::kMaxRoomMembers) flush();
+    message_.gone.push_back(member);
+  }
   /// To which so many bytes are added.
   control::Room::Member& member(std::uint32_t id, bool here, std::size_t bytes) {
     constexpr std::size_t kAroundBytes = 128;
-    if (bytes_ + bytes > Rooms::kMessageBytes) flush();
+    if (bytes_ + bytes > Rooms::kMessageBytes || message_.members.size() == limits::kMaxRoomMembers) flush();
     bytes_ += bytes + kAroundBytes;
-    if (message_.members.empty() || message_.members.back().id != id) message_.members.push_back({id});
+    const auto& last = message_.members;
+    if (last.empty() || last.back().id != id || last.back().values.size() == limits::kMaxRoomKeys)
+      message_.members.push_back({id});
     message_.members.back().here = here;
     return message_.members.back();
   }
   std::vector<Outbox::Text> finished() {
-    flush();
+    if (message_.whole || !message_.members.empty() || !message_.gone.empty() || !message_.floors.empty()) flush();
     return std::move(texts_);
   }
 
@@ -121,11 +128,25 @@ void Rooms::charge(Room& room, Member& member, std::int64_t bytes) {
   member.charge = bytes_.hold(member.holder, member.bytes);
 }
 
-void Rooms::note_removed(Room& room, std::uint32_t member, const std::string& key) {
-  room.removed.push_back({++room.version, member, key});
+void Rooms::note_removed(Room& room, std::uint32_t id, const std::string& key, Version since,
+                         const std::string& holder) {
+  if (room.heard < since) return;  // Nobody has been told of it.
+  room.removed.push_back({++room.version, since, id, key, bytes_.hold(holder, kValueBytes)});
   if (room.removed.size() <= kMaxRemoved) return;
-  room.forgotten = room.removed.front().version;
+  for (auto& [other, member] : room.members) {
+    const Removed& lost = room.removed.front();  // Who would miss it gets everything.
+    if (member.told >= lost.since && member.told < lost.version) member.told = 0;
+  }
   room.removed.pop_front();
+}
+
+void Rooms::forget_heard(Room& room) {
+  if (room.removed.empty()) return;
+  Version least = room.version;
+  for (const auto& [id, member] : room.members) {
+    if (member.here && member.told != 0) least = std::min(least, member.told);
+  }
+  while (!room.removed.empty() && room.removed.front().version <= least) room.removed.pop_front();
 }
 
 void Rooms::erase(Room& room, std::uint32_t id, const std::string& key) {
@@ -133,14 +154,15 @@ void Rooms::erase(Room& room, std::uint32_t id, const std::string& key) {
   const auto value = member.values.find(key);
   if (value == member.values.end()) return;
   charge(room, member, -value_bytes(key, value->second.json));
+  const Version since = value->second.since;
   member.values.erase(value);
-  note_removed(room, id, key);
+  note_removed(room, id, key, since, member.holder);
 }
 
 void Rooms::drop(Room& room, std::uint32_t id) {
-  room.bytes -= room.members.at(id).bytes;
-  room.members.erase(id);
-  note_removed(room, id, {});
+  const Member member = std::move(room.members.extract(id).mapped());
+  room.bytes -= member.bytes;
+  note_removed(room, id, {}, member.since, member.holder);
 }
 
 Result<Rooms::Seat> Rooms::enter(const control::Enter& wish, const Entrant& who, const Limits& limits) {
@@ -160,7 +182,9 @@ Result<Rooms::Seat> Rooms::enter(const control::Enter& wish, const Entrant& who,
       return made.error();
     }
   }
-  const std::uint32_t id = former == room.members.end() ? ++last_member_ : former->first;
+  const bool is_new = former == room.members.end();
+  while (is_new && (++last_member_ == 0 || room.members.contains(last_member_))) continue;  // It has wrapped around.
+  const std::uint32_t id = is_new ? last_member_ : former->first;
   Member& member = room.members[id];
   member.name = wish.name;
   member.colour = wish.colour;
@@ -169,6 +193,7 @@ Result<Rooms::Seat> Rooms::enter(const control::Enter& wish, const Entrant& who,
   member.here = true;
   member.session = ++last_session_;
   member.version = ++room.version;
+  if (is_new) member.since = member.version;
   member.told = 0;
   if (member.bytes == 0) charge(room, member, kMemberBytes);
   return Seat{id, member.session};
@@ -217,6 +242,7 @@ Result<void> Rooms::say(const control::Say& what, const Seat& seat, const Limits
   if (more > 0) {
     if (auto made = make_room(room, member.holder, 0, more, limits); !made) return made;
   }
+  forget_heard(room);
   for (const control::RoomValue& value : what.values) {
     if (value.json == kNothing) {
       erase(room, id, value.key);
@@ -225,7 +251,8 @@ Result<void> Rooms::say(const control::Say& what, const Seat& seat, const Limits
     const auto [at, is_new] = member.values.try_emplace(value.key);
     if (!is_new && at->second.json == value.json && at->second.keep == what.keep) continue;
     charge(room, member, value_bytes(value.key, value.json) - (is_new ? 0 : value_bytes(value.key, at->second.json)));
-    at->second = {value.json, ++room.version, what.keep};
+    ++room.version;
+    at->second = {value.json, room.version, is_new ? room.version : at->second.since, what.keep};
   }
   if (!member.here && member.values.empty()) drop(room, id);
   return {};
@@ -240,13 +267,33 @@ Result<void> Rooms::take(const control::Floor& floor, const Seat& seat) {
   if (!floor.take) {
     if (known == room.floors.end() || known->second.member != seat.member)
       return fail(ErrorCode::kRefused, "'" + floor.floor + "' is not this member's to give back: take it first");
-    known->second = {0, ++room.version};
+    known->second.member = 0;
+    known->second.version = ++room.version;
     return {};
   }
-  if (known == room.floors.end() && room.floors.size() >= limits::kMaxRoomFloors)
-    return too_large("a room has at most " + std::to_string(limits::kMaxRoomFloors) + " floors");
-  room.floors[floor.floor] = {seat.member, ++room.version};
+  if (known != room.floors.end()) {
+    if (std::exchange(known->second.member, seat.member) != seat.member) known->second.version = ++room.version;
+    return {};
+  }
+  const std::string& holder = found->member->holder;
+  if (auto may = may_take(room, holder); !may) return may;
+  room.floors[floor.floor] = {seat.member, ++room.version, holder, bytes_.hold(holder, kValueBytes)};
   return {};
+}
+
+Result<void> Rooms::may_take(Room& room, const std::string& holder) {
+  // Those that nobody has, and all know it, make room.
+  std::erase_if(room.floors, [&](const auto& floor) {
+    return floor.second.member == 0 && std::none_of(room.members.begin(), room.members.end(), [&](const auto& each) {
+             return each.second.here && each.second.told != 0 && each.second.told < floor.second.version;
+           });
+  });
+  const auto own = static_cast<std::size_t>(std::count_if(room.floors.begin(), room.floors.end(),
+                                                          [&](auto& floor) { return floor.second.holder == holder; }));
+  const std::size_t free = limits::kMaxRoomFloors - room.floors.size();
+  if (free > 0 && (holder.empty() || own < std::max<std::size_t>((free + own) / 2, 1))) return {};
+  return too_large("a room has at most " + std::to_string(limits::kMaxRoomFloors) +
+                   " floors, and too few are free for one that has made several");
 }
 
 void Rooms::leave(const std::string& name, const Seat& seat) {
@@ -259,7 +306,9 @@ void Rooms::leave(const std::string& name, const Seat& seat) {
   if (std::none_of(room.members.begin(), room.members.end(), [](auto& each) { return each.second.here; }))
     return void(rooms_.erase(name));
   for (auto& [floor, held] : room.floors) {
-    if (held.member == seat.member) held = {0, ++room.version};
+    if (held.member != seat.member) continue;
+    held.member = 0;
+    held.version = ++room.version;
   }
   std::vector<std::string> own;
   for (const auto& [key, value] : member.values) {
@@ -275,9 +324,9 @@ std::vector<Outbox::Text> Rooms::news(const std::string& name, const Seat& seat)
   const auto found = find(name, seat);
   if (!found) return {};
   Room& room = *found->room;
-  const Version told = std::exchange(found->member->told, room.version);
-  if (told == room.version) return {};
-  const Version since = told < room.forgotten ? 0 : told;  // 0: everything.
+  room.heard = room.version;
+  const Version since = std::exchange(found->member->told, room.version);  // 0: everything.
+  if (since == room.version) return {};
   if (room.made_at != room.version || room.made_from != since || room.made.empty()) {
     room.made = texts_since(name, room, since);
     room.made_from = since;
@@ -292,11 +341,14 @@ std::vector<Outbox::Text> Rooms::texts_since(const std::string& name, const Room
   for (const auto& [floor, held] : room.floors) {
     if (held.version > since && !(whole && held.member == 0)) writer.message().floors.push_back({floor, held.member});
   }
-  for (const Removed& removed : room.removed) {
-    if (whole || removed.version <= since) continue;
+  const auto unheard = std::partition_point(room.removed.begin(), room.removed.end(),
+                                            [&](const Removed& each) { return each.version <= since; });
+  for (auto each = whole ? room.removed.end() : unheard; each != room.removed.end(); ++each) {
+    const Removed& removed = *each;
+    if (removed.since > since) continue;  // It came and went unheard.
     const auto member = room.members.find(removed.member);
     if (removed.key.empty()) {
-      writer.message().gone.push_back(removed.member);
+      writer.gone(removed.member);
     } else if (member != room.members.end() && !member->second.values.contains(removed.key)) {
       writer.member(removed.member, member->second.here, removed.key.size())
           .values.push_back({removed.key, std::string(kNothing)});

@@ -29,7 +29,7 @@ class Rooms {
  public:
   /// Bytes are charged as rooms.max_room_bytes says.
   struct Limits {
-    std::int64_t max_members = 256, max_room_bytes = 256 * 1024, max_bytes = 16 * 1024 * 1024;
+    std::int64_t max_members = 256, max_room_bytes = 512 * 1024, max_bytes = 16 * 1024 * 1024;
   };
   /// Of a connection in a room; void once another has taken it over, or it was given up.
   struct Seat {
@@ -41,8 +41,10 @@ class Rooms {
     std::string proof;   ///< Of the secret with which the place can be taken over.
     std::string former;  ///< Of the secret that it shows; empty: none.
   };
-  static constexpr std::int64_t kMemberBytes = 1024, kValueBytes = 128;
+  static constexpr std::int64_t kMemberBytes = 1024, kValueBytes = 128;  ///< A floor and a removed value also take 128.
   static constexpr std::size_t kMessageBytes = 48 * 1024;  ///< News are cut into messages of about so much.
+
+  explicit Rooms(std::uint32_t last_member = 0) : last_member_(last_member) {}
 
   /// Errors: kTooLarge (max_members, max_bytes; max_room_bytes).
   Result<Seat> enter(const control::Enter& wish, const Entrant& who, const Limits& limits);
@@ -51,7 +53,8 @@ class Rooms {
   /// All of it or nothing. Errors: kTooLarge (a value, keys, max_room_bytes, max_bytes), kRefused (values of another
   /// member that is here, or new ones of one that is gone), kNotFound.
   Result<void> say(const control::Say& what, const Seat& seat, const Limits& limits);
-  /// Errors: kTooLarge (limits::kMaxRoomFloors), kRefused (to give back what another has), kNotFound.
+  /// Floors that nobody has make room. Errors: kTooLarge (limits::kMaxRoomFloors, half of what is free), kRefused (to
+  /// give back what another has), kNotFound.
   Result<void> take(const control::Floor& floor, const Seat& seat);
   void leave(const std::string& room, const Seat& seat);
   /// What has changed since the last call for this seat: framed messages, none: nothing. At first: everything.
@@ -65,7 +68,7 @@ class Rooms {
   using Version = std::uint64_t;
   struct Value {
     std::string json;
-    Version version = 0;
+    Version version = 0, since = 0;  ///< Of the value, and since when the key has one.
     bool keep = false;
   };
   struct Member {
@@ -73,7 +76,8 @@ class Rooms {
     std::uint64_t session = 0;
     bool here = true;
     Version version = 0;  ///< Of name, colour and here.
-    Version told = 0;     ///< Up to which it knows the room.
+    Version since = 0;    ///< When it came.
+    Version told = 0;     ///< Up to which it knows the room; 0: nothing, it gets everything.
     std::map<std::string, Value> values;
     std::int64_t bytes = 0;
     std::shared_ptr<void> charge;
@@ -81,15 +85,18 @@ class Rooms {
   struct Floor {
     std::uint32_t member = 0;
     Version version = 0;
+    std::string holder{};  ///< Who made it.
+    std::shared_ptr<void> charge{};
   };
   struct Removed {
-    Version version = 0;
+    Version version = 0, since = 0;  ///< Whoever was told of a version between knows what was removed.
     std::uint32_t member = 0;
     std::string key;  ///< Empty: the member.
+    std::shared_ptr<void> charge;
   };
   struct Room {
     Version version = 0;
-    Version forgotten = 0;  ///< Who knows less gets everything.
+    Version heard = 0;  ///< The latest that anybody has been told of.
     std::map<std::uint32_t, Member> members;
     std::map<std::string, Floor> floors;
     std::deque<Removed> removed;  ///< Oldest first.
@@ -111,7 +118,12 @@ class Rooms {
   Result<void> make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
                          const Limits& limits);
   void charge(Room& room, Member& member, std::int64_t bytes);
-  static void note_removed(Room& room, std::uint32_t member, const std::string& key);
+  /// Of what was there `since` then, and is not any more.
+  void note_removed(Room& room, std::uint32_t member, const std::string& key, Version since, const std::string& holder);
+  /// Removed ones that all know of.
+  static void forget_heard(Room& room);
+  /// Errors: kTooLarge.
+  static Result<void> may_take(Room& room, const std::string& holder);
   void erase(Room& room, std::uint32_t member, const std::string& key);
   void drop(Room& room, std::uint32_t member);
   static std::vector<Outbox::Text> texts_since(const std::string& name, const Room& room, Version since);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
@@ -473,6 +474,28 @@ std::optional<ControlMessage> message_of(std::string_view op) {
   return std::nullopt;
 }
 
+/// Puts them where docs/protocol.md has them. Values are JSON already, of which there may be much.
+void insert_members(std::string& text, const std::vector<control::Room::Member>& members) {
+  const auto quoted = [](const std::string& value) {
+    return Json(value).dump(-1, ' ', false, Json::error_handler_t::replace);
+  };
+  std::string all;
+  for (const control::Room::Member& member : members) {
+    all += all.empty() ? ",\"members\":[{\"id\":" : ",{\"id\":";
+    all += std::to_string(member.id);
+    if (!member.name.empty()) all += ",\"name\":" + quoted(member.name);
+    if (!member.colour.empty()) all += ",\"colour\":" + quoted(member.colour);
+    if (!member.here) all += ",\"here\":false";
+    if (!member.values.empty()) all += ",\"values\":{";
+    for (const control::RoomValue& value : member.values)
+      all.append("\"").append(value.key).append("\":").append(value.json).append(",");
+    if (!member.values.empty()) all.back() = '}';
+    all += "}";
+  }
+  // Quotes within texts have a backslash before them.
+  text.insert(std::min({text.find(",\"gone\":"), text.find(",\"floors\":"), text.size() - 1}), all + "]");
+}
+
 }  // namespace
 
 std::string_view control::name_of(StreamInfo::State state) {
@@ -505,10 +528,14 @@ Result<ControlMessage> control_from_text(std::string_view text) {
 }
 
 std::string text_from_control(ControlMessage message) {
+  auto* const room = std::get_if<control::Room>(&message);
+  const auto members = room != nullptr ? std::exchange(room->members, {}) : std::vector<control::Room::Member>();
   Written json{{"op", kOps[message.index()]}};
   Fields fields(json);
   std::visit(Describe{fields}, message);
-  return json.dump(-1, ' ', false, Written::error_handler_t::replace);
+  std::string text = json.dump(-1, ' ', false, Written::error_handler_t::replace);
+  if (!members.empty()) insert_members(text, members);
+  return text;
 }
 
 }  // namespace eigencast

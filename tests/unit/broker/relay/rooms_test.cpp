@@ -162,7 +162,7 @@ TEST_F(RoomsTest, TheLastWhoTakesAFloorHasIt) {
   EXPECT_EQ(code_of(rooms_.take({"a", "lead", false}, ada.seat)), ErrorCode::kRefused);
   ASSERT_TRUE(rooms_.take({"a", "lead", false}, bob.seat));
   EXPECT_EQ(look(ada).floors.at("lead"), 0U);
-  for (std::size_t i = 1; i < limits::kMaxRoomFloors; ++i)
+  for (std::size_t i = 0; i < limits::kMaxRoomFloors; ++i)
     ASSERT_TRUE(rooms_.take({"a", "f" + std::to_string(i)}, ada.seat));
   EXPECT_EQ(code_of(rooms_.take({"a", "more"}, ada.seat)), ErrorCode::kTooLarge);
 }
@@ -264,17 +264,134 @@ TEST_F(RoomsTest, WhatIsRefusedMakesNobodysNotesGo) {
 }
 
 TEST_F(RoomsTest, AllWhoGetEverythingShareTheBytes) {
-  Person ada = enter("Ada"), bob = enter("Bob"), cleo = enter("Cleo");
-  look(bob);
+  Person ada = enter("Ada"), bob = enter("Bob");
   ASSERT_TRUE(say(ada, {{"pointer", "[1]"}}));
-  look(cleo);
-  for (int i = 0; i < 300; ++i) {
-    ASSERT_TRUE(say(ada, {{"k", "1"}}));
-    ASSERT_TRUE(say(ada, {{"k", "null"}}));
-  }
+  Person cleo = enter("Cleo");
   const auto one = rooms_.news("a", bob.seat), other = rooms_.news("a", cleo.seat);
   ASSERT_EQ(one.size(), 1U);
   EXPECT_EQ(one.front().get(), other.front().get());
+}
+
+TEST_F(RoomsTest, WhatComesAndGoesUnheardMakesNobodyGetEverything) {
+  Person ada = enter("Ada"), bob = enter("Bob"), evil = enter("Evil");
+  const std::string note = '"' + std::string(2000, 'x') + '"';
+  for (int i = 0; i < 20; ++i) ASSERT_TRUE(say(ada, {{"pin." + std::to_string(i), note}}, true));
+  look(bob);
+  for (int beat = 0; beat < 3; ++beat) {
+    const std::size_t before = bob.known.bytes;
+    std::vector<RoomValue> all;
+    for (int i = 0; i < 30; ++i) {
+      for (std::size_t k = 0; i % 2 == 0 && k < limits::kMaxRoomKeys; ++k)
+        all.push_back({"k" + std::to_string(i) + "." + std::to_string(k), "1"});
+      ASSERT_TRUE(say(evil, all));
+      look(evil);
+      for (RoomValue& value : all) value.json = "null";
+      if (i % 2 == 1) all.clear();
+    }
+    for (int i = 0; i < 600; ++i) {
+      const auto guest = try_to_enter("Guest", "guest");
+      ASSERT_TRUE(guest);
+      rooms_.leave("a", *guest);
+    }
+    look(bob);
+    EXPECT_LT(bob.known.bytes - before, 10'000U) << "Ada's notes are told once";
+  }
+  Person fresh = enter("Fresh");
+  EXPECT_EQ(look(bob), look(fresh));
+}
+
+TEST_F(RoomsTest, WhatComesAndGoesUnheardIsNoNews) {
+  Person ada = enter("Ada"), bob = enter("Bob");
+  look(bob);
+  ASSERT_TRUE(say(ada, {{"k", "1"}}));
+  ASSERT_TRUE(say(ada, {{"k", "null"}}));
+  rooms_.leave("a", enter("Guest").seat);
+  EXPECT_TRUE(rooms_.news("a", bob.seat).empty());
+}
+
+TEST_F(RoomsTest, NewsOfManyKeysOfOneMemberCanBeRead) {
+  Person ada = enter("Ada"), bob = enter("Bob");
+  const auto say_keys = [&](const std::string& prefix, const std::string& json) {
+    std::vector<RoomValue> all;
+    for (std::size_t i = 0; i < limits::kMaxRoomKeys; ++i) all.push_back({prefix + std::to_string(i), json});
+    ASSERT_TRUE(say(ada, all));
+  };
+  say_keys("a", "1");
+  look(bob);
+  say_keys("a", "null");
+  say_keys("b", "2");
+  const auto& values = look(bob).members.at(ada.seat.member).values;
+  EXPECT_EQ(values.size(), limits::kMaxRoomKeys);
+  EXPECT_EQ(values.at("b0"), "2");
+}
+
+TEST_F(RoomsTest, WhoMissedMoreThanIsKeptGetsEverything) {
+  limits_.max_room_bytes = 1 << 20;
+  std::vector<Person> speakers;
+  for (int i = 0; i < 20; ++i) speakers.push_back(enter("P" + std::to_string(i), "p" + std::to_string(i)));
+  Person slow = enter("Slow", "slow"), other = enter("Other", "other");
+  const auto say_all = [&](const std::string& json) {
+    for (const Person& speaker : speakers) {
+      std::vector<RoomValue> all;
+      for (std::size_t i = 0; i < limits::kMaxRoomKeys; ++i) all.push_back({"k" + std::to_string(i), json});
+      ASSERT_TRUE(say(speaker, all));
+    }
+  };
+  say_all("1");
+  look(slow);
+  look(other);
+  say_all("null");
+  Person fresh = enter("Fresh", "fresh");
+  look(fresh);
+  EXPECT_EQ(look(slow), fresh.known);
+  EXPECT_EQ(look(other), fresh.known);
+}
+
+TEST_F(RoomsTest, WhatIsToBeToldIsChargedUntilAllKnowIt) {
+  Person ada = enter("Ada"), bob = enter("Bob");
+  std::vector<RoomValue> all;
+  for (int i = 0; i < 10; ++i) all.push_back({"k" + std::to_string(i), "1"});
+  ASSERT_TRUE(say(ada, all));
+  look(bob);
+  for (RoomValue& value : all) value.json = "null";
+  ASSERT_TRUE(say(ada, all));
+  const std::int64_t members = 2 * Rooms::kMemberBytes;
+  EXPECT_EQ(rooms_.bytes(), members + 10 * Rooms::kValueBytes);
+  look(bob);
+  ASSERT_TRUE(say(bob, {{"none", "null"}}));
+  EXPECT_EQ(rooms_.bytes(), members);
+}
+
+TEST_F(RoomsTest, FloorsThatNobodyHasMakeRoomAndNobodyMakesAll) {
+  const auto ada = try_to_enter("Ada", "ada"), bob = try_to_enter("Bob", "bob");
+  std::size_t made = 0;
+  while (rooms_.take({"a", "f" + std::to_string(made)}, *ada)) ++made;
+  EXPECT_EQ(made, limits::kMaxRoomFloors / 2);
+  EXPECT_TRUE(rooms_.take({"a", "lead"}, *bob));
+  EXPECT_EQ(rooms_.bytes(), 2 * Rooms::kMemberBytes + 5 * Rooms::kValueBytes);
+  (void)rooms_.news("a", *bob);
+  for (std::size_t i = 0; i < made; ++i) ASSERT_TRUE(rooms_.take({"a", "f" + std::to_string(i), false}, *ada));
+  EXPECT_EQ(code_of(rooms_.take({"a", "more"}, *ada)), ErrorCode::kTooLarge) << "Bob does not know yet";
+  Known known;
+  known.take(rooms_.news("a", *bob));
+  EXPECT_EQ(known.floors.at("f0"), 0U);
+  EXPECT_TRUE(rooms_.take({"a", "more"}, *ada));
+}
+
+TEST_F(RoomsTest, NumbersOfMembersThatWrapAroundAreNobodyElses) {
+  Rooms rooms(~std::uint32_t{0} - 1);
+  const auto enter_one = [&] { return rooms.enter({"a", "P"}, {{}, "proof", {}}, limits_)->member; };
+  EXPECT_EQ(enter_one(), ~std::uint32_t{0});
+  EXPECT_EQ(enter_one(), 1U) << "0 is nobody";
+}
+
+TEST_F(RoomsTest, AFullRoomOfPeopleCanSpeak) {
+  for (std::int64_t i = 0; i < limits_.max_members; ++i) {
+    const std::string name = std::to_string(i);
+    const auto seat = try_to_enter(name, name, name);
+    ASSERT_TRUE(seat) << name;
+    EXPECT_TRUE(rooms_.say({"a", {{"pointer", '"' + std::string(150, 'x') + '"'}}}, *seat, limits_)) << name;
+  }
 }
 
 TEST_F(RoomsTest, MembersAreLimitedAndHoldersHaveShares) {
