@@ -16,6 +16,11 @@ std::int64_t Shares::held(const std::string& holder) const {
   return found == held_.end() ? 0 : found->second;
 }
 
+std::map<std::string, std::int64_t> Shares::all() const {
+  const std::lock_guard lock(mutex_);
+  return held_;
+}
+
 std::shared_ptr<void> Shares::hold(const std::string& holder, std::int64_t amount) {
   std::unique_lock lock(mutex_);
   const auto mine = held_.try_emplace(holder).first;

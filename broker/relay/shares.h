@@ -21,6 +21,7 @@ class Shares {
   std::int64_t held(const std::string& holder) const;
   /// Counts until the pointer ends, even if it does not fit.
   std::shared_ptr<void> hold(const std::string& holder, std::int64_t amount);
+  std::map<std::string, std::int64_t> all() const;
   std::int64_t used() const { return used_.load(std::memory_order_relaxed); }
 
  private:

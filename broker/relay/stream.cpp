@@ -47,17 +47,22 @@ void StreamShare::announce() {
 void StreamShare::begin_preparing(const std::string& asset) {
   const std::lock_guard lock(mutex);
   to_prepare = asset;
-  prepared_by = 0;
+  prepared_by.clear();
 }
 
-void StreamShare::note_prepared(const std::string& asset, std::int64_t viewers) {
+void StreamShare::note_prepared(const std::string& asset, const std::string& holder, std::int64_t viewers) {
   const std::lock_guard lock(mutex);
-  if (asset == to_prepare) prepared_by = std::max<std::int64_t>(0, prepared_by + viewers);
+  if (asset == to_prepare && (prepared_by[holder] += viewers) <= 0) prepared_by.erase(holder);
 }
 
-std::int64_t StreamShare::prepared() {
+bool StreamShare::is_prepared() {
   const std::lock_guard lock(mutex);
-  return prepared_by;
+  const auto viewers = watchers.all();
+  const auto ready = std::count_if(viewers.begin(), viewers.end(), [&](const auto& holder) {
+    const auto found = prepared_by.find(holder.first);
+    return found != prepared_by.end() && 10 * found->second >= 9 * holder.second;
+  });
+  return 10 * ready >= 9 * std::ssize(viewers);
 }
 
 Result<std::shared_ptr<void>> StreamShare::take_place(const std::string& holder, std::uint32_t max) {
@@ -189,7 +194,7 @@ void Stream::set_next(NextPtr next) {
 
 bool Stream::is_prepared(TimeUs waited_us) const {
   if (waited_us >= kMostPrepareUs) return true;
-  return waited_us >= settings_.min_prepare_us && 10 * share_->prepared() >= 9 * std::int64_t{watchers()};
+  return waited_us >= settings_.min_prepare_us && share_->is_prepared();
 }
 
 Result<std::uint8_t> Stream::announce_next(const control::Announce& announce, std::uint32_t epoch,
@@ -202,7 +207,7 @@ Result<std::uint8_t> Stream::announce_next(const control::Announce& announce, st
 void Stream::note_prepared(const Watcher& watcher, const std::string& asset) {
   const auto found = watched_.find(&watcher);
   if (found == watched_.end() || !present_.next || present_.next->asset != asset) return;
-  if (!std::exchange(found->second.prepared, true)) share_->note_prepared(asset, 1);
+  if (!std::exchange(found->second.prepared, true)) share_->note_prepared(asset, watcher.holder(), 1);
 }
 
 Result<void> Stream::restore(const Snapshot& snapshot) {
@@ -626,7 +631,7 @@ void Stream::join_group(Watcher& watcher, Watched& watched, const Feed* former) 
 std::shared_ptr<void> Stream::forget(const Watcher& watcher) {
   const auto found = watched_.find(&watcher);
   leave_group(watcher, found->second);
-  if (found->second.prepared && present_.next) share_->note_prepared(present_.next->asset, -1);
+  if (found->second.prepared && present_.next) share_->note_prepared(present_.next->asset, watcher.holder(), -1);
   auto place = std::move(found->second.place);
   watched_.erase(found);
   return place;

@@ -83,9 +83,10 @@ struct StreamShare {
   Result<std::shared_ptr<void>> take_place(const std::string& holder, std::uint32_t max);
   /// `asset` is to be prepared from now on, by none of the viewers yet.
   void begin_preparing(const std::string& asset);
-  /// So many more viewers have prepared it; ignored for another than the latest asset.
-  void note_prepared(const std::string& asset, std::int64_t viewers);
-  std::int64_t prepared();
+  /// So many more viewers of a holder have prepared it; ignored for another than the latest asset.
+  void note_prepared(const std::string& asset, const std::string& holder, std::int64_t viewers);
+  /// Of nine of ten holders nine of ten viewers have: a crowd of one does not speak for the others.
+  bool is_prepared();
   const std::uint32_t id;
   std::atomic<std::uint8_t> tag;              ///< Of the latest epoch.
   Shares watchers;                            ///< In all loops.
@@ -94,7 +95,7 @@ struct StreamShare {
   bool announced = false;        ///< GUARDED_BY(mutex)
   std::shared_ptr<void> charge;  ///< GUARDED_BY(mutex) Until it is announced: what its first viewer pays.
   std::string to_prepare;        ///< GUARDED_BY(mutex)
-  std::int64_t prepared_by = 0;  ///< GUARDED_BY(mutex) Viewers of all loops.
+  std::map<std::string, std::int64_t> prepared_by;  ///< GUARDED_BY(mutex) Viewers of all loops, by holder.
 };
 
 /// What the streams of a broker hold, in bytes, by estimates from their formats. Thread-safe.
@@ -199,7 +200,7 @@ class Stream {
   void prepare(NextPtr next);
   /// The same for mirrors of a stream of another loop.
   void set_next(NextPtr next);
-  /// Whether nine of ten viewers hold the next asset, or have had the time, `waited_us` after prepare().
+  /// Whether viewers hold the next asset, or have had the time, `waited_us` after prepare(). See StreamShare.
   bool is_prepared(TimeUs waited_us) const;
   /// The epoch that continues the present one, from the first frame with the tag returned, a join. REQUIRES: as
   /// announce(), and the present epoch is of this publisher. Errors: as announce().

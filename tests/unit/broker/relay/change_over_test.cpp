@@ -101,6 +101,24 @@ TEST_F(ChangeOver, NineOfTenViewersOrHalfAMinuteAreEnough) {
   EXPECT_TRUE(stream_.is_prepared(0)) << "nobody waits for it";
 }
 
+TEST_F(ChangeOver, ACrowdOfOneHolderDoesNotSpeakForOthers) {
+  begin();
+  std::list<FakeReceiver> viewers;
+  for (const char* holder : {"a", "b", "c"}) viewers.emplace_back(holder);
+  for (int i = 0; i < 50; ++i) viewers.emplace_back("crowd");
+  for (FakeReceiver& viewer : viewers) ASSERT_TRUE(stream_.watch(viewer, kRaw));
+  stream_.prepare(next());
+  for (auto viewer = std::next(viewers.begin(), 3); viewer != viewers.end(); ++viewer)
+    stream_.note_prepared(*viewer, kNextAsset);
+  EXPECT_FALSE(stream_.is_prepared(0)) << "none of the others has it";
+  for (auto viewer = viewers.begin(); viewer != std::next(viewers.begin(), 3); ++viewer) {
+    EXPECT_FALSE(stream_.is_prepared(0));
+    stream_.note_prepared(*viewer, kNextAsset);
+  }
+  EXPECT_TRUE(stream_.is_prepared(0));
+  for (FakeReceiver& viewer : viewers) stream_.unwatch(viewer);
+}
+
 TEST_F(ChangeOver, SendersThatLeaveTakeTheirNextEpochAlong) {
   FakeReceiver viewer;
   begin();
