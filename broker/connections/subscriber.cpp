@@ -122,13 +122,14 @@ void Subscriber::synchronise(Watched& watched, const std::string& group) {
   watched.moment.reset();
   watched.lag_us.reset();
   if (!group.empty()) watched.moment = context().moments.join(group, watched.stream->name());
+  watched.is_waited_for = grant().may_speak(group).has_value();
   follow_beat();
 }
 
 void Subscriber::note_late(const control::Late& late) {
   const Stream* stream = context().hub.find(late.stream);
   const auto watched = stream != nullptr ? streams_.find(stream->id()) : streams_.end();
-  if (watched == streams_.end() || !watched->second.moment) return;
+  if (watched == streams_.end() || !watched->second.moment || !watched->second.is_waited_for) return;
   context().moments.report(*watched->second.moment, late.lag_us, steady_now_us());
 }
 

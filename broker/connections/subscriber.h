@@ -41,6 +41,7 @@ class Subscriber final : public Watcher, public Connection {
     Ladder ladder;
     std::uint32_t told = 0;  ///< The generation of its memory that the viewer was told of.
     std::optional<Moments::Seat> moment{};
+    bool is_waited_for = false;      ///< In its group.
     std::optional<TimeUs> lag_us{};  ///< That the viewer was told of.
     TimeUs noted_us = 0;             ///< When an arrival was noted last.
   };
@@ -52,6 +53,7 @@ class Subscriber final : public Watcher, public Connection {
   void on_tick() override;
   /// Short requests have long answers.
   std::size_t read_bytes() const override { return 2048; }
+  bool takes_turns() const override { return true; }
   FramePtr join_of(std::uint32_t stream_id) override;
   std::string label() const override;
   void subscribe(const control::Subscribe& request);

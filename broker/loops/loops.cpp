@@ -17,7 +17,7 @@ namespace {
 // Poses of many streams due within this gap are pumped together.
 constexpr TimeUs kMinPumpGapUs = 1000;
 constexpr std::chrono::milliseconds kNewsEvery{100};  // Of rooms and moments.
-constexpr std::size_t kToldAtOnce = 64;
+constexpr TimeUs kVisitUs = 500;  // Then frames come first, however many connections wait for their turn.
 constexpr TimeUs kClusterPrepareUs = 5'000'000;  // What viewers at other brokers have to fetch a next asset.
 
 Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, std::shared_ptr<StreamIds> ids,
@@ -129,7 +129,24 @@ void Loop::arm_schedule() {
 
 void Loop::tick() {
   run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
-  for (Connection* connection : context_.connections) connection->tick();
+  if (!to_tick_.empty()) return;
+  to_tick_.assign(context_.connections.begin(), context_.connections.end());
+  tick_some();
+}
+
+void Loop::tick_some() {
+  visit_some(to_tick_, context_.connections, &Connection::tick, &Loop::tick_some);
+}
+
+template <typename Set>
+void Loop::visit_some(std::vector<Connection*>& left, const Set& those, void (Connection::*visit)(),
+                      void (Loop::*again)()) {
+  for (const TimeUs until_us = steady_now_us() + kVisitUs; !left.empty() && steady_now_us() < until_us;) {
+    Connection* connection = left.back();
+    left.pop_back();
+    if (those.contains(connection)) guarded([&] { (connection->*visit)(); });
+  }
+  if (!left.empty()) asio::post(io_, [this, again] { (this->*again)(); });
 }
 
 void Loop::arm_beat() {
@@ -145,12 +162,7 @@ void Loop::arm_beat() {
 }
 
 void Loop::tell_some() {
-  for (std::size_t i = 0; i < kToldAtOnce && !to_tell_.empty(); ++i) {
-    Connection* connection = to_tell_.back();
-    to_tell_.pop_back();
-    if (context_.on_beat.contains(connection)) connection->tell_news();
-  }
-  if (!to_tell_.empty()) asio::post(io_, [this] { tell_some(); });
+  visit_some(to_tell_, context_.on_beat, &Connection::tell_news, &Loop::tell_some);
 }
 
 struct Loops::Other {

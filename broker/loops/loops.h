@@ -52,9 +52,12 @@ class Loop {
 
  private:
   void tick();
+  void tick_some();
   void arm_beat();
-  /// So many connections now, others in later turns.
   void tell_some();
+  /// Some of the connections that are left, if they are still among `those`; the others in later turns, by `again`.
+  template <typename Set>
+  void visit_some(std::vector<Connection*>& left, const Set& those, void (Connection::*visit)(), void (Loop::*again)());
 
   Hub hub_;
   MemoryReads memory_reads_;
@@ -68,7 +71,7 @@ class Loop {
   Timer tick_;
   Timer beat_;
   bool beat_armed_ = false;
-  std::vector<Connection*> to_tell_;  ///< Those that are gone meanwhile are no more on_beat.
+  std::vector<Connection*> to_tick_, to_tell_;
 };
 
 /// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The

@@ -192,6 +192,29 @@ TEST_F(RoomServiceTest, ViewersOfAGroupAreToldOneMoment) {
   EXPECT_LE(alone.wait_for<control::Moment>().lag_us, 200'000);
 }
 
+TEST_F(RoomServiceTest, WhoMayNotSpeakDelaysNobodysMoment) {
+  const auto watches = create_static_token("watches", {}, {"**"}, false, {"other"});
+  std::ofstream(folder_ + "/tokens") << watches->line << "\n";
+  stop();
+  config_.access.tokens_file = folder_ + "/tokens";
+  start();
+  auto publisher = sender("s");
+  Client viewer(port_, "/v1/subscribe"), alone(port_, "/v1/subscribe");
+  Client evil(port_, "/v1/subscribe?access_token=" + watches->token);
+  for (Client* client : {&viewer, &alone, &evil}) {
+    client->send(control::Subscribe{"s", kRaw, client == &alone ? "alone" : "wall"});
+    client->wait_for<control::StreamInfo>();
+  }
+  evil.send(control::Late{"s", steady_now_us()});
+  evil.send(control::Ping{1, 1});
+  evil.wait_for<control::Pong>();
+  FakeSender motion;
+  publisher->send_frame(motion.next(steady_now_us()));
+  const TimeUs undelayed_us = alone.wait_for<control::Moment>().lag_us;
+  EXPECT_EQ(viewer.wait_for<control::Moment>().lag_us, undelayed_us);
+  EXPECT_EQ(evil.wait_for<control::Moment>().lag_us, undelayed_us) << "it follows";
+}
+
 TEST_F(RoomServiceTest, CanBeOff) {
   stop();
   config_.rooms.enabled = false;
