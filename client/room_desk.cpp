@@ -6,13 +6,13 @@
 #include <cstdio>
 #include <glm/geometric.hpp>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 namespace eigencast {
 namespace {
 
 using nlohmann::json;
 
-constexpr const char* kLead = "lead";
 constexpr const char* kPinPrefix = "pin.";
 constexpr TimeUs kFollowUs = 150'000;  ///< In which most of a camera's way is gone.
 
@@ -35,6 +35,14 @@ std::optional<glm::vec3> vector_in(const json& object, const char* name) {
     vector[i] = number.get<float>();
   }
   return vector;
+}
+
+/// To whole characters of at most kMaxNoteBytes.
+std::string shortened(std::string note) {
+  std::size_t end = std::min(note.size(), RoomDesk::kMaxNoteBytes);
+  while (end < note.size() && end > 0 && (note[end] & 0xC0) == 0x80) --end;
+  note.resize(end);
+  return note;
 }
 
 /// The mean over the corners that have arrived.
@@ -72,7 +80,7 @@ std::optional<SurfacePoint> point_from_text(const std::string& text, std::string
   constexpr float kRounding = 0.01F;
   const float least = std::min({weights->x, weights->y, weights->z});
   if (least < -kRounding || std::abs(weights->x + weights->y + weights->z - 1) > kRounding) return std::nullopt;
-  if (note != nullptr && said.is_string()) *note = said.get<std::string>().substr(0, RoomDesk::kMaxNoteBytes);
+  if (note != nullptr && said.is_string()) *note = shortened(said.get<std::string>());
   return point;
 }
 
@@ -105,9 +113,6 @@ bool RoomDesk::advance(Camera& camera, TimeUs now_us) {
   client_->read(state_);
   const bool news = state_.version != before;
   if (news) find_points();
-  const auto lead = state_.floors.find(kLead);
-  const std::uint32_t leader = lead == state_.floors.end() ? 0 : lead->second;
-  if (std::exchange(leader_, leader) != leader) follows_ = true;
   const TimeUs passed_us = now_us - std::exchange(moved_us_, now_us);
   if (leads()) {
     goal_.reset();
@@ -143,7 +148,7 @@ void RoomDesk::point_at(const std::optional<SurfacePoint>& point) {
 }
 
 void RoomDesk::pin(const SurfacePoint& point, std::string note) {
-  if (note.size() > kMaxNoteBytes) note.resize(kMaxNoteBytes);
+  note = shortened(std::move(note));
   const auto self = state_.members.find(state_.self);
   int number = 1;
   while (self != state_.members.end() && self->second.values.contains(kPinPrefix + std::to_string(number))) ++number;

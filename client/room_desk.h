@@ -36,13 +36,14 @@ std::optional<SurfacePoint> point_from_text(const std::string& json, std::string
 class RoomDesk final {
  public:
   static constexpr std::size_t kMaxNoteBytes = 500;
+  static constexpr const char* kLead = "lead";
 
   explicit RoomDesk(std::unique_ptr<RoomClient> client) : client_(std::move(client)) {}
 
   /// Once a turn: takes news, moves the camera after the one who leads, or says where it is. True: the picture changes.
   bool advance(Camera& camera, TimeUs now_us);
-  /// The user has moved the camera: it follows no more, until somebody takes the lead anew.
-  void stop_following() { follows_ = false; }
+  /// The user has moved the camera: while somebody leads, it follows no more until follow(), whoever leads then.
+  void stop_following() { follows_ = follows_ && (leads() || state_.holder_of(kLead) == nullptr); }
   bool follows() const { return follows_; }
   void follow() { follows_ = true; }
   bool leads() const;
@@ -93,7 +94,6 @@ class RoomDesk final {
   RoomState state_;
   std::vector<Said> points_;  ///< Of state_, parsed once.
   bool follows_ = true;
-  std::uint32_t leader_ = 0;
   std::string said_camera_;
   struct Goal {
     std::string text;

@@ -206,7 +206,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                              {"work", json_from(work_us_)}};
   report["picture"] = {
       {"width", width_px}, {"height", height_px}, {"samples", renderer.samples()}, {"device", renderer.device()}};
-  return report.dump(2) + "\n";
+  return report.dump(2, ' ', false, json::error_handler_t::replace) + "\n";  // Names may come from a hostile file.
 }
 
 }  // namespace eigencast

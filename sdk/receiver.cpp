@@ -186,7 +186,7 @@ void Receiver::on_moment(const control::Moment& moment) {
 std::optional<TimeUs> Receiver::lag_us() const {
   const std::lock_guard lock(mutex_);
   if (!broker_lag_us_ || !condition_.clock) return std::nullopt;
-  return *broker_lag_us_ - condition_.clock->offset_us;
+  return bounded_time(*broker_lag_us_ - bounded_time(condition_.clock->offset_us));
 }
 
 void Receiver::report_late(TimeUs needed_lag_us) {
@@ -194,9 +194,9 @@ void Receiver::report_late(TimeUs needed_lag_us) {
   const TimeUs now = steady_now_us();
   if (request_.subscribe.sync.empty() || !condition_.clock || now - late_said_us_ < kLateEveryUs) return;
   late_said_us_ = now;
-  const TimeUs offset_us = condition_.clock->offset_us;
+  const TimeUs offset_us = bounded_time(condition_.clock->offset_us);
   lock.unlock();
-  connection_->say_late(*this, needed_lag_us + offset_us);
+  connection_->say_late(*this, bounded_time(needed_lag_us) + offset_us);
 }
 
 void Receiver::on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) {

@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/wire/limits.h"
 #include "sdk/broker.h"
 #include "sdk/broker_connection.h"
 
@@ -111,6 +112,7 @@ void RoomState::take(const control::Room& news) {
   }
   for (const std::uint32_t id : news.gone) members.erase(id);
   for (const control::Room::Member& change : news.members) {
+    if (members.size() >= limits::kMaxRoomMembers && !members.contains(change.id)) continue;
     Member& member = members[change.id];
     if (!change.name.empty()) member.name = change.name;
     if (!change.colour.empty()) member.colour = change.colour;
@@ -118,12 +120,18 @@ void RoomState::take(const control::Room& news) {
     for (const control::RoomValue& value : change.values) {
       if (value.json == "null") {
         member.values.erase(value.key);
-      } else {
+      } else if (member.values.size() < limits::kMaxRoomKeys || member.values.contains(value.key)) {
         member.values[value.key] = value.json;
       }
     }
   }
-  for (const control::Room::Holder& held : news.floors) floors[held.floor] = held.member;
+  for (const control::Room::Holder& held : news.floors) {
+    if (held.member == 0) {
+      floors.erase(held.floor);
+    } else if (floors.size() < limits::kMaxRoomFloors || floors.contains(held.floor)) {
+      floors[held.floor] = held.member;
+    }
+  }
 }
 
 const RoomState::Member* RoomState::holder_of(const std::string& floor) const {

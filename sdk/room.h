@@ -30,6 +30,7 @@ struct RoomState {
   std::map<std::string, std::uint32_t> floors;
   std::uint64_t version = 0;  ///< Grows with each change.
 
+  /// Ignores what is beyond the protocol's limits, so that a broker or member makes no viewer's memory grow.
   void take(const control::Room& news);
   /// Null: nobody has it, or who has is gone.
   const Member* holder_of(const std::string& floor) const;

@@ -150,7 +150,7 @@ int run(const InfoCommand& command, const Console&, Interrupt&) {
     if (const auto drawn = draw(command.file, command.thumbnail); !drawn) return report_failure(drawn.error());
   }
   if (command.json.empty()) print(*facts);
-  return end_with_report(command.json, facts->dump(2));
+  return end_with_report(command.json, facts->dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 int run(const CutCommand& command, const Console&, Interrupt&) {

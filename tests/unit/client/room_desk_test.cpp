@@ -76,12 +76,21 @@ TEST_F(RoomDeskTest, FollowsWhoLeadsUntilTheUserMoves) {
   desk_.follow();
   settle();
   EXPECT_LT(glm::length(camera_.position() - glm::vec3(-3, 1, 4)), 0.01F);
-  // Who takes the lead anew is followed.
+}
+
+TEST_F(RoomDeskTest, WhoeverTakesTheLeadAgainAndAgainIsNotFollowedByThoseWhoStopped) {
   desk_.stop_following();
-  room_.state.floors["lead"] = 0;
-  settle();
+  EXPECT_TRUE(desk_.follows()) << "nobody led";
   room_.state.floors["lead"] = 2;
   settle();
+  desk_.stop_following();
+  room_.state.members[3] = {"Cleo", "#0000ff"};
+  for (const std::uint32_t leader : {0U, 2U, 3U, 0U, 2U}) {
+    room_.state.floors["lead"] = leader;
+    settle();
+    EXPECT_FALSE(desk_.follows()) << leader;
+  }
+  desk_.follow();
   EXPECT_TRUE(desk_.follows());
 }
 
@@ -124,6 +133,10 @@ TEST(SurfacePoint, OnlyWellFormedTextsAreOne) {
         R"("corners":[1,2,3],"weights":[2,-1,0]})", R"("corners":[1,2,3]})", R"("weights":[1,0,0]})"})
     EXPECT_FALSE(point_from_text(start + evil)) << evil;
   EXPECT_FALSE(point_from_text("not json"));
+  std::string umlauts = "a";
+  for (int i = 0; i < 250; ++i) umlauts += "\u00fc";
+  ASSERT_TRUE(point_from_text(start + R"("weights":[1,0,0],"corners":[1,2,3],"note":")" + umlauts + "\"}", &note));
+  EXPECT_EQ(note, umlauts.substr(0, 499)) << "whole characters: reports are UTF-8";
   EXPECT_FALSE(point_from_text(R"({"corners":[1,2,3],"weights":[1,0,0]})"));
 }
 

@@ -5,6 +5,7 @@
 
 #include <thread>
 
+#include "common/wire/limits.h"
 #include "tests/support/loopback_broker.h"
 
 namespace eigencast {
@@ -51,6 +52,26 @@ TEST(RoomClient, TellsTheOthersWhatIsSaidLast) {
   EXPECT_EQ(seen.holder_of("lead")->name, "Bob");
   bob->take("lead", false);
   state_when(*ada, [](const RoomState& s) { return s.holder_of("lead") == nullptr; });
+}
+
+TEST(RoomClient, KeepsNoMoreThanARoomMayHold) {
+  RoomState state;
+  for (std::uint32_t id = 1; id <= 3000; ++id) {
+    control::Room news;
+    news.room = "a";
+    news.members = {{id % 1500 + 1, "P", "#102030", true, {{"k" + std::to_string(id), "1"}}},
+                    {1, "P", "#102030", true, {{"k" + std::to_string(id), "1"}}}};
+    news.floors = {{"f" + std::to_string(id), 1}, {"g" + std::to_string(id), 0}};
+    state.take(news);
+  }
+  EXPECT_EQ(state.members.size(), limits::kMaxRoomMembers);
+  EXPECT_EQ(state.members.at(1).values.size(), limits::kMaxRoomKeys);
+  EXPECT_EQ(state.floors.size(), limits::kMaxRoomFloors);
+  control::Room free;
+  free.floors = {{"f1", 0}};
+  state.take(free);
+  EXPECT_FALSE(state.floors.contains("f1"));
+  EXPECT_TRUE(state.members.contains(1));
 }
 
 TEST(RoomClient, LeavesAndOthersRemoveWhatItKept) {

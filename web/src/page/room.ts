@@ -99,7 +99,8 @@ export class RoomState {
     }
     for (const one of list(news['floors'])) {
       const { floor, member } = Object(one) as Json;
-      this.floors.set(String(floor), Number(member));
+      if (member === 0) this.floors.delete(String(floor));
+      else this.floors.set(String(floor), Number(member));
     }
   }
   get leader(): Member | undefined {
@@ -159,12 +160,14 @@ export class RoomDesk {
       const { left, top } = canvas.getBoundingClientRect();
       return [event.clientX - left, event.clientY - top];
     };
+    // Whoever leads next is not followed either: some would take the lead again and again.
+    const stop = (): void => void (this.follows &&= [0, this.state.self].includes(this.#leader));
     canvas.addEventListener('pointermove', (event) => {
       this.#at = pixel(event);
-      if (event.buttons !== 0) this.follows = false;
+      if (event.buttons !== 0) stop();
     });
     canvas.addEventListener('pointerleave', () => (this.#at = undefined));
-    canvas.addEventListener('wheel', () => (this.follows = false), { passive: true });
+    canvas.addEventListener('wheel', stop, { passive: true });
     document.addEventListener('keydown', ({ key, target, ctrlKey, metaKey, altKey }) => {
       if (ctrlKey || metaKey || altKey || (target as Element).matches('input, textarea')) return;
       const does = { t: () => this.#pin(), o: () => this.lead(), j: () => (this.follows = !this.follows) }[key.toLowerCase()];
@@ -209,9 +212,7 @@ export class RoomDesk {
     } catch (error) {
       console.warn(`eigencast: room: ${(error as Error).message}`);
     }
-    const leader = this.state.floors.get('lead') ?? 0;
-    if (leader !== this.#leader) this.follows = true;
-    this.#leader = leader;
+    this.#leader = this.state.floors.get('lead') ?? 0;
     this.#placeMarks();
     this.#refresh();
   }
