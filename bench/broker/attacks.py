@@ -341,6 +341,85 @@ def first_reads(port, ready, go, count=800):
     return f"{rounds} times {count}"
 
 
+def change_flood(port, ready, go, viewers=300):
+    """A stream with many viewers, all of which say that they are ready, is to change over again and again."""
+    sender, count, other = Sender(port, "attack/change", SMALL, "203.0.113.200"), 0, b"another surface"
+    put(port, other)
+    watching, asset = crowd(port, "attack/change", viewers), hashlib.sha256(other).hexdigest()
+    sender.join()
+    ready()
+    while go():
+        order(sender.peer, "announce", asset=asset, key_rate_hz=50, format=SMALL, **{"continues": True})
+        for viewer in watching[count % 10::10]:
+            order(viewer, "prepared", stream="attack/change", asset=asset)
+        count += 1
+    return f"{count} times, {len(watching)} viewers"
+
+
+def full_rooms(port, ready, go, people=240):
+    """People of 16 addresses, each in four rooms, say what takes long to write, and many words that they take back at once."""
+    peers, said = [], 0
+    dear = json.dumps([[]] * 600, separators=(",", ":"))
+    many = [{f"k{i}": value for i in range(64)} for value in (1, None)]
+    for i in range(people):
+        peer = connect(port, "/v1/subscribe", f"203.0.113.{i % 16}")
+        for room in range(4):
+            order(peer, "enter", room=f"attack/{i % 2}/{room}", name=f"somebody {i}")
+        peers.append(peer)
+    read_all(peers)
+    ready()
+    while go():
+        for i, peer in enumerate(peers):
+            room = f"attack/{i % 2}/{said % 4}"
+            with contextlib.suppress(OSError):
+                if i % 4:
+                    for values in many:
+                        order(peer, "say", room=room, values=values)
+                else:
+                    peer.send(frame(TEXT, f'{{"op":"say","room":"{room}","values":{{"x{said % 3}":{dear},"y":{said}}}}}'.encode()))
+            said += 1
+    return f"{said} words, {people} people"
+
+
+def moments(port, ready, go, viewers=100, streams=60):
+    """A crowd wants one moment of many streams, and each says ever new lags."""
+    for i in range(streams):
+        Sender(port, f"attack/moment/{i}", SMALL, f"203.0.113.{i % 8}").join()
+    peers, said = read_all([connect(port, "/v1/subscribe", f"203.0.113.{i % 8}") for i in range(viewers)]), 0
+    for peer in peers:
+        for i in range(streams):
+            order(peer, "subscribe", stream=f"attack/moment/{i}", sync="all", profile={"rate": "raw"})
+    ready()
+    while go():
+        for peer in peers:
+            with contextlib.suppress(OSError):
+                order(peer, "late", stream=f"attack/moment/{said % streams}", lag_us=said * 7919 % 300_000)
+            said += 1
+    return f"{said} lags, {viewers} viewers of {streams} streams"
+
+
+def many_watched(port, ready, go, addresses=8, connections=24, streams=256):
+    """Viewers of a few addresses watch all streams that there are, on each of many connections, and say nothing."""
+    senders = [Sender(port, f"attack/watched/{i}", SMALL, f"203.0.113.{100 + i % 8}") for i in range(streams)]
+    for sender in senders:
+        sender.join()
+    peers = read_all([connect(port, "/v1/subscribe", f"203.0.113.{i % addresses}") for i in range(addresses * connections)])
+    for i in range(streams):
+        text = frame(TEXT, json.dumps({"op": "subscribe", "stream": f"attack/watched/{i}", "profile": {"rate": "raw"}}).encode())
+        for peer in peers:
+            peer.send(text)
+    until = time.monotonic() + 120
+    watching = 0
+    while watching < streams * len(peers) and time.monotonic() < until:
+        time.sleep(0.5)
+        listed = json.loads(ask(port, "GET", "/v1/streams")[1])["streams"]
+        watching = sum(stream["subscribers"] for stream in listed if stream["stream"].startswith("attack/"))
+    ready()
+    while go():
+        time.sleep(0.1)
+    return f"{watching} watched, {len(peers)} connections"
+
+
 def new_names(port, ready, go):
     """Two tokens announce streams under ever new names, of which all brokers keep a row. (D6)"""
     subjects = [f"Authorization: Bearer {token(name, pub=['**'])}" for name in ("a", "b")]
@@ -444,7 +523,7 @@ def ask_upgrade(port, forwarded):
     return peer.status
 
 
-TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, list_flood, first_reads, new_names]
+TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, list_flood, first_reads, change_flood, full_rooms, moments, many_watched, new_names]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 
 
