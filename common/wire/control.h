@@ -152,9 +152,39 @@ struct StreamInfo {
     bool operator==(const Next&) const = default;
   };
   std::optional<Next> next{};
+  /// What this subscriber gets is of the past: the pose of capture time t is that of at_us + (t - capture_us) speed.
+  struct Rewind {
+    TimeUs at_us = 0;  ///< As History::now_us.
+    TimeUs capture_us = 0;
+    double speed = 1;  ///< 0: the pose of at_us alone.
+    bool operator==(const Rewind&) const = default;
+  };
+  std::optional<Rewind> rewind{};
 };
 
 std::string_view name_of(StreamInfo::State state);
+
+/// "history", client to broker: asks what may be seen again of a stream; broker to client: that, or why a Seek was not
+/// done.
+struct History {
+  struct Span {
+    TimeUs from_us = 0, to_us = 0;
+    bool operator==(const Span&) const = default;
+  };
+  std::string stream;
+  TimeUs now_us = 0;             ///< Microseconds since 1970, by the broker. The client's: 0.
+  std::vector<Span> spans = {};  ///< Ascending, at most limits::kMaxSpans.
+  std::string code = {};         ///< A name_of(ErrorCode); empty: it does not answer a seek.
+  std::string message = {};
+};
+
+/// "seek", client to broker, of a stream that it watches: show the past. Subscribe shows the present again.
+struct Seek {
+  std::string stream;
+  TimeUs at_us = 0;   ///< As History::now_us: the newest pose at that time first,
+  bool next = false;  ///< or the first one after it.
+  double speed = 1;   ///< 0: that pose alone; else 1 / limits::kMaxSpeed to limits::kMaxSpeed.
+};
 
 /// "ack", client to broker, ten or more times a second: the newest frame received of each stream.
 struct Ack {
@@ -307,7 +337,7 @@ struct Room {
 
 using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
                              Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye, Remember, Remembered, Progress,
-                             Prepared, Enter, Leave, Say, Floor, Room, Late, Moment>;
+                             Prepared, Enter, Leave, Say, Floor, Room, Late, Moment, History, Seek>;
 
 }  // namespace control
 

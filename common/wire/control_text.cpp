@@ -191,6 +191,9 @@ class Fields {
   void check(const char* name, const Result<void>& checked, const std::string& what = "is not allowed: ") {
     if (!checked) wrong(name, what + checked.error().message);
   }
+  void wrong(const std::string& name, const std::string& what) {
+    if (!*error_) *error_ = malformed("field '" + path_ + name + "' " + what);
+  }
 
  private:
   static constexpr const char* kRoomKeyRule = "must have names of 1 to 32 of a-z 0-9 . _ -";
@@ -218,9 +221,6 @@ class Fields {
     if (value != nullptr && *value >= low && *value <= high) return static_cast<T>(*value);
     wrong(name, "must be an integer of " + std::to_string(low) + " to " + std::to_string(high));
     return T{};
-  }
-  void wrong(const std::string& name, const std::string& what) {
-    if (!*error_) *error_ = malformed("field '" + path_ + name + "' " + what);
   }
   /// The field to read; null where it is missing, and where `value` was written instead.
   template <typename Value>
@@ -291,12 +291,38 @@ struct Describe {
     }
     profile(m.profile);
     world(m);
-    if (!f.wants("next", m.next.has_value())) return;
-    if (f.reads()) m.next = control::StreamInfo::Next{};
-    f.object("next", [&](Fields fields) {
-      if (fields.wants("asset", !m.next->asset.empty())) fields.asset_id("asset", m.next->asset);
-      if (fields.wants("progress", m.next->asset.empty())) fields.number("progress", m.next->progress, 0, 1);
+    if (f.wants("next", m.next.has_value())) {
+      if (f.reads()) m.next = control::StreamInfo::Next{};
+      f.object("next", [&](Fields fields) {
+        if (fields.wants("asset", !m.next->asset.empty())) fields.asset_id("asset", m.next->asset);
+        if (fields.wants("progress", m.next->asset.empty())) fields.number("progress", m.next->progress, 0, 1);
+      });
+    }
+    if (!f.wants("rewind", m.rewind.has_value())) return;
+    if (f.reads()) m.rewind = control::StreamInfo::Rewind{};
+    f.object("rewind", [&](Fields fields) {
+      fields.time("at_us", m.rewind->at_us);
+      fields.time("capture_us", m.rewind->capture_us);
+      speed(fields, m.rewind->speed);
     });
+  }
+  void operator()(control::History& m) const {
+    f.stream_name("stream", m.stream);
+    if (f.wants("now_us", m.now_us != 0)) f.time("now_us", m.now_us);
+    if (f.wants("spans", !m.spans.empty())) {
+      f.each("spans", m.spans, limits::kMaxSpans, [](Fields fields, control::History::Span& span) {
+        fields.time("from_us", span.from_us);
+        fields.time("to_us", span.to_us);
+      });
+    }
+    if (f.wants("code", !m.code.empty())) f.text("code", m.code);
+    if (f.wants("message", !m.message.empty())) f.text("message", m.message);
+  }
+  void operator()(control::Seek& m) const {
+    f.stream_name("stream", m.stream);
+    f.time("at_us", m.at_us);
+    if (f.wants("next", m.next)) f.flag("next", m.next);
+    if (f.wants("speed", m.speed != 1)) speed(f, m.speed);
   }
   void operator()(control::Progress& m) const {
     f.stream_name("stream", m.stream);
@@ -447,6 +473,11 @@ struct Describe {
       if (fields.wants("bands")) fields.integer("bands", profile.bands, 1, limits::kMaxBands);
     });
   }
+  static void speed(Fields fields, double& speed) {
+    fields.number("speed", speed, 0, limits::kMaxSpeed);
+    if (fields.reads() && speed != 0 && speed * limits::kMaxSpeed < 1)
+      fields.wrong("speed", "must be 0, or at least 1 / " + std::to_string(limits::kMaxSpeed));
+  }
   template <typename Message>
   void surface(Message& m) const {
     f.asset_id("asset", m.asset);
@@ -463,7 +494,7 @@ constexpr std::array<std::string_view, std::variant_size_v<ControlMessage>> kOps
     "welcome", "announce", "announced",  "subscribers", "subscribe",     "unsubscribe", "stream",
     "ack",     "ping",     "pong",       "trace",       "trace_request", "notice",      "error",
     "bye",     "remember", "remembered", "progress",    "prepared",      "enter",       "leave",
-    "say",     "floor",    "room",       "late",        "moment"};
+    "say",     "floor",    "room",       "late",        "moment",        "history",     "seek"};
 
 template <std::size_t kIndex = 0>
 std::optional<ControlMessage> message_of(std::string_view op) {

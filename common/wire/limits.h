@@ -28,6 +28,8 @@ inline constexpr std::size_t kMaxRoomKeys = 64;          ///< of a member.
 inline constexpr std::size_t kMaxRoomValueBytes = 2048;  ///< of one value, as JSON.
 inline constexpr int kMaxRoomValueDepth = 4;             ///< its nesting.
 inline constexpr std::size_t kMaxRoomFloors = 8;
+inline constexpr std::size_t kMaxSpans = 64;  ///< of a history.
+inline constexpr double kMaxSpeed = 10;       ///< at which it is seen; the least is its inverse.
 inline constexpr std::int64_t kMaxTimeUs =
     (std::int64_t{1} << 62) - 1;                             ///< stamps are 0..this: differences never overflow.
 inline constexpr std::uint32_t kMaxVelocityUs = 10'000'000;  ///< time in which a velocity channel's movement is made.

@@ -100,6 +100,16 @@ std::vector<ControlMessage> samples() {
           .floors = {{"lead", 3}}},
       Room{
           .room = "lab/horse", .members = {{3, {}, {}, true, {{"camera", "null"}}}}, .gone = {2}, .floors = {{"lead"}}},
+      History{"lab/horse"},
+      History{"lab/horse", 1'800'000'060'000'000, {{1'800'000'000'000'000, 1'800'000'060'000'000}}},
+      History{"lab/horse", 5, {{1, 2}, {3, 4}}, "refused", "anonymous may not rewind"},
+      Seek{"lab/horse", 1'800'000'030'000'000},
+      Seek{"lab/horse", limits::kMaxTimeUs, true, 0},
+      Seek{"lab/horse", 0, false, 0.125},
+      StreamInfo{.stream = "lab/horse",
+                 .state = StreamInfo::State::kWaiting,
+                 .stream_id = 9,
+                 .rewind = StreamInfo::Rewind{1'800'000'030'000'000, 17, 0.5}},
   };
 }
 
@@ -195,6 +205,16 @@ TEST(Control, RefusalsNameTheField) {
       {R"({"op":"ack","items":{},"time_us":0})", "'items'"},
       {R"({"op":"ack","items":[7],"time_us":0})", "'items'"},
       {R"({"op":"ack","items":[{"stream_id":1,"sequence":1,"step":256}],"time_us":0})", "'items.step'"},
+      {R"({"op":"seek","stream":"a"})", "'at_us' is missing"},
+      {R"({"op":"seek","stream":"a","at_us":-1})", "'at_us'"},
+      {R"({"op":"seek","stream":"a","at_us":4611686018427387904})", "'at_us'"},
+      {R"({"op":"seek","stream":"a","at_us":1.5})", "'at_us'"},
+      {R"({"op":"seek","stream":"a","at_us":1,"speed":-1})", "'speed'"},
+      {R"({"op":"seek","stream":"a","at_us":1,"speed":10.5})", "'speed'"},
+      {R"({"op":"seek","stream":"a","at_us":1,"speed":0.09})", "'speed'"},
+      {R"({"op":"seek","stream":"a","at_us":1,"speed":null})", "'speed'"},
+      {R"({"op":"seek","stream":"a","at_us":1,"next":1})", "'next'"},
+      {R"({"op":"history","stream":"a","spans":[1]})", "'spans'"},
       {R"({"op":"announce","asset":"AB",)" + format + "}", "'asset'"},
       {R"({"op":"announce",)" + asset + R"(,"format":[]})", "'format'"},
       {R"({"op":"announce",)" + asset + R"(,"format":{"rows":8,"band_ends":[9],"codec":"quantised"}})", "band_ends"},

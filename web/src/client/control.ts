@@ -21,6 +21,24 @@ export interface StreamInfo {
   key_rate_hz?: number;
   /** 4 x 4 by columns: from the surface's coordinates to the scene's. */
   world?: number[];
+  /** What comes is of the past: the pose of capture time t is that of at_us + (t - capture_us) speed. */
+  rewind?: { at_us: bigint; capture_us: bigint; speed: number };
+}
+/** What may be seen again of a stream, in microseconds since 1970, or (`code`) why a seek was not done. */
+export interface History {
+  stream: string;
+  now_us: bigint;
+  spans: { from_us: bigint; to_us: bigint }[];
+  code: string;
+  message: string;
+}
+/** What a viewer sends to see the past; `subscribe` returns to live. */
+export interface Seek {
+  stream: string;
+  at_us: bigint | number;
+  next?: boolean;
+  /** 0, or 0.1 to 10. */
+  speed?: number;
 }
 export interface Stage {
   stage: string;
