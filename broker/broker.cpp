@@ -50,6 +50,17 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
           .max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes)};
 }
 
+Recorder::Settings history_settings(const Config& config, const std::string& version) {
+  Recorder::Settings settings = recorder_settings(config, version);
+  settings.folder = data_dir_of(config) + "/history";
+  settings.streams = StreamPatterns::from(config.history.streams).value();  // Checked by create().
+  settings.include_asset = false;
+  settings.max_total_bytes = static_cast<std::uint64_t>(config.history.max_bytes);
+  settings.checkpoint_us = 5'000'000;
+  settings.keep_us = config.history.minutes * 60'000'000;
+  return settings;
+}
+
 std::uint64_t unix_now_s() {
   return static_cast<std::uint64_t>(std::time(nullptr));
 }
@@ -110,8 +121,9 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   settings.max_objects = static_cast<std::uint64_t>(config.assets.max_objects);
   auto assets = AssetStore::open(folder, settings);
   if (!assets) return assets.error();
-  if (auto patterns = StreamPatterns::from(config.recording.streams); !patterns) {
-    return in_context("recording.streams", patterns.error());
+  for (const auto& [name, streams] : {std::pair("recording.streams", config.recording.streams),
+                                      std::pair("history.streams", config.history.streams)}) {
+    if (auto patterns = StreamPatterns::from(streams); !patterns) return in_context(name, patterns.error());
   }
   const std::uint32_t epochs_end = read_epochs_end(folder + "/epoch", log);
   const std::string id = random_id();
@@ -132,13 +144,15 @@ Broker::Broker(const Config& config, Security security, std::string version, Log
       tls_(std::move(security.tls)),
       assets_(std::move(assets)),
       recorder_(recorder_settings(config, version), *assets_, log),
+      history_(history_settings(config, version), *assets_, log),
       epochs_(epochs_end, [this](std::uint32_t end) { reserve_epochs(end); }),
       alone_([this] { return epochs_.next(unix_now_s()); }),
       member_(std::move(member)),
       disk_(kDiskThreads),
       loops_(config,
-             {disk_, gate_, *assets_, recorder_, member_ ? static_cast<Ownership&>(member_->backbone()) : alone_,
-              member_ ? &member_->backbone() : nullptr, log, std::move(version), std::move(id)},
+             {disk_, past_, gate_, *assets_, recorder_, history_,
+              member_ ? static_cast<Ownership&>(member_->backbone()) : alone_, member_ ? &member_->backbone() : nullptr,
+              log, std::move(version), std::move(id)},
              taps()),
       tick_(loop().get_executor()),
       deadline_(loop().get_executor()),
@@ -151,6 +165,7 @@ Broker::Broker(const Config& config, Security security, std::string version, Log
 
 std::vector<StreamTap*> Broker::taps() {
   std::vector<StreamTap*> taps{assets_.get(), &recorder_};
+  if (history_.kept) taps.push_back(history_.kept.get());
   if (member_) taps.push_back(&member_->backbone());
   return taps;
 }
@@ -161,6 +176,7 @@ Broker::~Broker() {
   data_listener_.close();
   admin_listener_.close();
   disk_.join();
+  past_.join();
   background_.join();
 }
 

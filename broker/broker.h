@@ -17,6 +17,7 @@
 #include "broker/relay/ownership.h"
 #include "broker/sockets/listener.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/history.h"
 #include "broker/storage/recorder.h"
 
 namespace eigencast::broker {
@@ -75,11 +76,13 @@ class Broker {
   std::shared_ptr<SSL_CTX> tls_;  ///< Null: the data port is plain. Of new connections: a reload replaces it.
   std::unique_ptr<AssetStore> assets_;
   Recorder recorder_;
+  History history_;
   EpochSource epochs_;
   SoleOwnership alone_;
   std::unique_ptr<Member> member_;   ///< Null: no backbone.
   asio::thread_pool background_{1};  ///< Assets for other brokers, uses of assets: clients never wait for it.
   asio::thread_pool disk_;
+  asio::thread_pool past_{1};  ///< Reads the history.
   Shares admin_connections_;
   Loops loops_;  // Pending handlers end with the loops and need the members above.
   Timer tick_;

@@ -134,6 +134,10 @@ Result<void> Grant::may_subscribe(std::string_view stream) const {
   return check_right(identity_, "subscribe", identity_.rights.subscribe, stream);
 }
 
+Result<void> Grant::may_rewind(std::string_view stream) const {
+  return check_right(identity_, "rewind", identity_.rights.rewind, stream);
+}
+
 Result<void> Grant::may_speak(std::string_view room) const {
   return check_right(identity_, "speak", identity_.rights.speak, room);
 }

@@ -103,6 +103,7 @@ class Grant {
   Result<void> may_publish(std::string_view stream) const;
   Result<void> may_subscribe(std::string_view stream) const;
   Result<void> may_speak(std::string_view room) const;
+  Result<void> may_rewind(std::string_view stream) const;
   Result<void> may_store_assets() const;
   Result<void> may_fetch_assets() const;
   bool may_see(std::string_view stream) const;  ///< In the list of streams.

@@ -152,7 +152,7 @@ Result<Rights> rights_of(const json& object) {
     return refused("grants nothing here: it has no claim \"eigencast\": {\"pub\": [...], \"sub\": [...]}");
   }
   for (const auto& [name, value] : found->items()) {
-    if (name != "pub" && name != "sub" && name != "speak" && name != "admin") {
+    if (name != "pub" && name != "sub" && name != "speak" && name != "rewind" && name != "admin") {
       return refused("has an unknown member \"" + escaped(name.substr(0, 64)) + "\" in its claim \"eigencast\"");
     }
   }
@@ -162,10 +162,12 @@ Result<Rights> rights_of(const json& object) {
   if (!subscribe) return subscribe.error();
   auto speak = patterns_of(*found, "speak");
   if (!speak) return speak.error();
+  auto rewind = patterns_of(*found, "rewind");
+  if (!rewind) return rewind.error();
   const auto admin = found->find("admin");
   if (admin != found->end() && !admin->is_boolean()) return refused("has an \"admin\" that is not true or false");
   return Rights{std::move(*publish), std::move(*subscribe), admin != found->end() && admin->get<bool>(),
-                std::move(*speak)};
+                std::move(*speak), std::move(*rewind)};
 }
 
 Result<void> check_claims(const json& object, const TokenRules& rules, std::int64_t now_s, Claims& claims) {
@@ -223,7 +225,7 @@ void TokenCache::keep(const Sha256& token, const Claims& claims) {
 }
 
 Result<std::string> create_token(const TokenRequest& request, const TokenKey& key) {
-  for (const auto* patterns : {&request.publish, &request.subscribe, &request.speak}) {
+  for (const auto* patterns : {&request.publish, &request.subscribe, &request.speak, &request.rewind}) {
     if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
   }
   json header = {{"alg", kAlgorithms[key.algorithm()]}, {"typ", "JWT"}};
@@ -235,6 +237,7 @@ Result<std::string> create_token(const TokenRequest& request, const TokenKey& ke
   if (!request.publish.empty()) claims["eigencast"]["pub"] = request.publish;
   if (!request.subscribe.empty()) claims["eigencast"]["sub"] = request.subscribe;
   if (!request.speak.empty()) claims["eigencast"]["speak"] = request.speak;
+  if (!request.rewind.empty()) claims["eigencast"]["rewind"] = request.rewind;
   if (request.admin) claims["eigencast"]["admin"] = true;
   const std::string text = part_from_object(header) + "." + part_from_object(claims);
   const auto signature = key.sign(text);

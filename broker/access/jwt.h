@@ -17,7 +17,7 @@
 ///
 ///   header   {"alg":"ES256","kid":"main","typ":"JWT"}
 ///   claims   {"sub":"camera-1","aud":"eigencast","exp":1700000000,
-///             "eigencast":{"pub":["lab/**"],"sub":["**"],"speak":["**"],"admin":false}}
+///             "eigencast":{"pub":["lab/**"],"sub":["**"],"speak":["**"],"rewind":["**"],"admin":false}}
 namespace eigencast::broker {
 
 inline constexpr std::size_t kMaxTokenBytes = 8 * 1024;
@@ -65,6 +65,7 @@ struct TokenRequest {
   std::int64_t issued_s = 0;
   std::int64_t expires_s = 0;
   std::vector<std::string> speak{};
+  std::vector<std::string> rewind{};
 };
 /// Errors: kInvalidArgument (patterns), and those of TokenKey::sign().
 Result<std::string> create_token(const TokenRequest& request, const TokenKey& key);

@@ -35,7 +35,8 @@ struct Rights {
   StreamPatterns publish;
   StreamPatterns subscribe;
   bool admin = false;
-  StreamPatterns speak;  ///< In rooms, which `subscribe` lets watch.
+  StreamPatterns speak;   ///< In rooms, which `subscribe` lets watch.
+  StreamPatterns rewind;  ///< Of streams, likewise.
   bool operator==(const Rights&) const = default;
 };
 

@@ -175,6 +175,8 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
       assign(policy->anonymous_rights_.subscribe, StreamPatterns::from(access.anonymous_subscribe),
              "access.anonymous_subscribe"),
       assign(policy->anonymous_rights_.speak, StreamPatterns::from(access.anonymous_speak), "access.anonymous_speak"),
+      assign(policy->anonymous_rights_.rewind, StreamPatterns::from(access.anonymous_rewind),
+             "access.anonymous_rewind"),
       assign(policy->static_tokens_, std::move(tokens), "access.tokens_file"),
       assign(policy->proxies_, ranges_from(config.proxy.trusted), "proxy.trusted"),
       assign(policy->monitors_, ranges_from(access.monitors), "access.monitors")};

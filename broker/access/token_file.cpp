@@ -39,14 +39,18 @@ Result<void> take_right(std::string_view word, Rights& rights) {
   }
   const std::size_t equals = word.find('=');
   const std::string_view right = word.substr(0, equals);
-  if (equals == word.npos || (right != "pub" && right != "sub" && right != "speak")) {
+  if (equals == word.npos || (right != "pub" && right != "sub" && right != "speak" && right != "rewind")) {
     return fail(ErrorCode::kInvalidArgument, "'" + std::string(word.substr(0, 64)) +
-                                                 "' is none of: pub=PATTERNS, sub=PATTERNS, speak=PATTERNS, admin");
+                                                 "' is none of: pub=PATTERNS, sub=PATTERNS, speak=PATTERNS, "
+                                                 "rewind=PATTERNS, admin");
   }
   const auto parts = split(word.substr(equals + 1), ',');
   auto patterns = StreamPatterns::from(std::vector<std::string>(parts.begin(), parts.end()));
   if (!patterns) return patterns.error();
-  (right == "pub" ? rights.publish : right == "sub" ? rights.subscribe : rights.speak) = std::move(*patterns);
+  (right == "pub"     ? rights.publish
+   : right == "sub"   ? rights.subscribe
+   : right == "speak" ? rights.speak
+                      : rights.rewind) = std::move(*patterns);
   return {};
 }
 
@@ -59,7 +63,7 @@ Result<Line> line_from(std::string_view text) {
   const auto words = words_of(text);
   if (words.size() < 2 || !is_name(words[0])) {
     return fail(ErrorCode::kInvalidArgument,
-                "a line is: NAME sha256:HASH [pub=PATTERNS] [sub=PATTERNS] [speak=PATTERNS] [admin]");
+                "a line is: NAME sha256:HASH [pub=PATTERNS] [sub=PATTERNS] [speak=PATTERNS] [rewind=PATTERNS] [admin]");
   }
   const auto hash = words[1].starts_with(kHash) ? Sha256::from_hex(words[1].substr(kHash.size())) : std::nullopt;
   if (!hash) {
@@ -131,13 +135,14 @@ Result<Sha256> random_bits() {
 
 Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,
                                            const std::vector<std::string>& subscribe, bool admin,
-                                           const std::vector<std::string>& speak) {
+                                           const std::vector<std::string>& speak,
+                                           const std::vector<std::string>& rewind) {
   if (!is_name(name)) {
     return fail(ErrorCode::kInvalidArgument,
                 "'" + name.substr(0, kMaxNameBytes) +
                     "' is not a name for a token: 1 to 64 letters, digits and any of - _ . @");
   }
-  for (const auto* patterns : {&publish, &subscribe, &speak}) {
+  for (const auto* patterns : {&publish, &subscribe, &speak, &rewind}) {
     if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
   }
   const auto random = random_bits();
@@ -148,6 +153,7 @@ Result<NewStaticToken> create_static_token(const std::string& name, const std::v
   if (!publish.empty()) made.line += " pub=" + joined(publish);
   if (!subscribe.empty()) made.line += " sub=" + joined(subscribe);
   if (!speak.empty()) made.line += " speak=" + joined(speak);
+  if (!rewind.empty()) made.line += " rewind=" + joined(rewind);
   if (admin) made.line += " admin";
   return made;
 }

@@ -11,7 +11,7 @@
 /// Fixed tokens, without keys and clocks, for small set-ups: a file with one line per token, which holds only its hash.
 ///
 ///   # a comment
-///   NAME sha256:64-HEX-DIGITS [pub=PATTERN,PATTERN] [sub=PATTERN,...] [speak=PATTERN,...] [admin]
+///   NAME sha256:64-HEX-DIGITS [pub=PATTERN,PATTERN] [sub=PATTERN,...] [speak=PATTERN,...] [rewind=PATTERN,...] [admin]
 ///
 /// A token has 256 random bits, so one round of SHA-256 is enough.
 namespace eigencast::broker {
@@ -50,6 +50,7 @@ struct NewStaticToken {
 /// Errors: kInvalidArgument (name, patterns), kInternal (no random numbers).
 Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,
                                            const std::vector<std::string>& subscribe, bool admin,
-                                           const std::vector<std::string>& speak = {});
+                                           const std::vector<std::string>& speak = {},
+                                           const std::vector<std::string>& rewind = {});
 
 }  // namespace eigencast::broker

@@ -31,6 +31,7 @@ struct Arguments {
   std::vector<std::string> publish;
   std::vector<std::string> subscribe;
   std::vector<std::string> speak;
+  std::vector<std::string> rewind;
   bool admin = false;
   bool is_static = false;
   std::string valid = "30d";
@@ -72,8 +73,8 @@ Result<TokenKey> signing_key(const Arguments& arguments, const AccessPolicy& pol
 }
 
 CommandEnd create_static(const Arguments& arguments) {
-  const auto made =
-      create_static_token(arguments.subject, arguments.publish, arguments.subscribe, arguments.admin, arguments.speak);
+  const auto made = create_static_token(arguments.subject, arguments.publish, arguments.subscribe, arguments.admin,
+                                        arguments.speak, arguments.rewind);
   if (!made) return failed(made.error());
   return {0, made->token + "\n",
           "put this line into the file that access.tokens_file names, and reload the broker; the token itself is "
@@ -92,9 +93,10 @@ CommandEnd create(const Arguments& arguments, const AccessPolicy& policy, std::i
   const auto key = signing_key(arguments, policy);
   if (!key) return failed(key.error());
   const TokenRules& rules = policy.token_rules();
-  const auto token = create_token({arguments.subject, rules.audience, rules.issuer, arguments.publish,
-                                   arguments.subscribe, arguments.admin, now_s, now_s + *valid_s, arguments.speak},
-                                  *key);
+  const auto token =
+      create_token({arguments.subject, rules.audience, rules.issuer, arguments.publish, arguments.subscribe,
+                    arguments.admin, now_s, now_s + *valid_s, arguments.speak, arguments.rewind},
+                   *key);
   if (!token) return failed(token.error());
   const std::string warning = arguments.key.empty() ? std::string() : exposure_of(key_file_of(arguments.key));
   return {0, *token + "\n", warning.empty() ? warning : "eigencast-broker: " + warning + "\n"};
@@ -124,6 +126,7 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
   end.out += "may publish   " + listed(identity.rights.publish) + "\n";
   end.out += "may subscribe " + listed(identity.rights.subscribe) + "\n";
   end.out += "may speak in  " + listed(identity.rights.speak) + "\n";
+  end.out += "may rewind    " + listed(identity.rights.rewind) + "\n";
   end.out += std::string("admin         ") + (identity.rights.admin ? "yes" : "no") + "\n";
   const auto ask = [&](const std::vector<std::string>& streams, const StreamPatterns& patterns, const char* what) {
     for (const std::string& stream : streams) {
@@ -135,6 +138,7 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
   ask(arguments.publish, identity.rights.publish, "publish");
   ask(arguments.subscribe, identity.rights.subscribe, "subscribe");
   ask(arguments.speak, identity.rights.speak, "speak in");
+  ask(arguments.rewind, identity.rights.rewind, "rewind");
   if (arguments.admin && !identity.rights.admin) end.code = kRefusedCode;
   return end;
 }
@@ -145,6 +149,7 @@ void add_options(CLI::App& app, Arguments& arguments, bool creates) {
   app.add_option("--publish", arguments.publish, verb + std::string("send, patterns such as lab/** (repeatable)"));
   app.add_option("--subscribe", arguments.subscribe, verb + std::string("watch (repeatable)"));
   app.add_option("--speak", arguments.speak, verb + std::string("speak in, of the rooms that --subscribe lets watch"));
+  app.add_option("--rewind", arguments.rewind, verb + std::string("rewind, of those that --subscribe lets watch"));
   app.add_flag("--admin", arguments.admin, creates ? "Its holder may administer" : "Ask also for the right admin");
 }
 

@@ -50,8 +50,11 @@ double json_us(std::uint64_t bytes) {
 double work_us_of(const ControlMessage& message) {
   if (std::holds_alternative<control::Announce>(message) || std::holds_alternative<control::Remember>(message))
     return 100;
-  if (std::holds_alternative<control::Subscribe>(message) || std::holds_alternative<control::Enter>(message)) return 45;
+  if (std::holds_alternative<control::Subscribe>(message) || std::holds_alternative<control::Enter>(message) ||
+      std::holds_alternative<control::Seek>(message))
+    return 45;
   if (const auto* say = std::get_if<control::Say>(&message)) return 5 + 0.6 * static_cast<double>(say->values.size());
+  if (std::holds_alternative<control::History>(message)) return 10;
   const bool cheap = std::holds_alternative<control::Ack>(message) || std::holds_alternative<control::Late>(message);
   return cheap ? 0 : kAnswerUs;
 }
@@ -62,8 +65,8 @@ int weight_of(const ControlMessage& message) {
   if (std::holds_alternative<control::Announce>(message) || std::holds_alternative<control::Remember>(message))
     return 100;
   if (std::holds_alternative<control::Say>(message) || std::holds_alternative<control::Floor>(message)) return 4;
-  const bool joins =
-      std::holds_alternative<control::Subscribe>(message) || std::holds_alternative<control::Enter>(message);
+  const bool joins = std::holds_alternative<control::Subscribe>(message) ||
+                     std::holds_alternative<control::Enter>(message) || std::holds_alternative<control::Seek>(message);
   return joins ? 20 : 1;
 }
 

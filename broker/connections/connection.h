@@ -70,6 +70,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   virtual std::string stream_name() const { return {}; }  ///< Empty: it has several.
 
   Context& context() { return context_; }
+  const Context& context() const { return context_; }
   Grant& grant() { return *grant_; }
   const Grant& grant() const { return *grant_; }
   Outbox& outbox() { return outbox_; }

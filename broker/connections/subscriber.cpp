@@ -7,6 +7,7 @@
 
 #include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
+#include "broker/storage/history.h"
 #include "common/wire/limits.h"
 
 namespace eigencast::broker {
@@ -60,10 +61,15 @@ void Subscriber::on_message(const ControlMessage& message) {
   if (const auto* wish = std::get_if<control::Enter>(&message)) return enter(*wish);
   if (const auto* floor = std::get_if<control::Floor>(&message)) return take(*floor);
   if (const auto* what = std::get_if<control::Leave>(&message)) return leave(*what);
+  if (const auto* wanted = std::get_if<control::Seek>(&message)) return seek(*wanted);
+  if (const auto* asked = std::get_if<control::History>(&message)) {
+    const auto may = may_see_past(asked->stream);
+    return tell_history(asked->stream, may ? nullptr : &may.error());
+  }
   send_error(
       fail(ErrorCode::kUnsupported,
-           "a viewer sends subscribe, unsubscribe, prepared, trace_request, ack, late, enter, say, floor, leave, "
-           "ping and pong"),
+           "a viewer sends subscribe, unsubscribe, history, seek, prepared, trace_request, ack, late, enter, say, "
+           "floor, leave, ping and pong"),
       {});
 }
 
@@ -76,6 +82,7 @@ void Subscriber::subscribe(const control::Subscribe& request) {
   const auto answer = [&](const Error& error) { send_error(error, request.stream); };
   if (auto ok = check_stream_name(request.stream); !ok) return answer(ok.error());
   if (auto may = grant().may_subscribe(request.stream); !may) return answer(may.error());
+  (void)end_rewind(request.stream);
   const auto limit = static_cast<std::size_t>(context().config.limits.max_streams_per_connection);
   Stream* known = context().hub.find(request.stream);
   const bool watched = known != nullptr && streams_.contains(known->id());
@@ -101,9 +108,11 @@ void Subscriber::subscribe(const control::Subscribe& request) {
   entry.ladder = Ladder(request.profile);
   synchronise(entry, request.sync);
   context().hub.mark_dirty(**stream);
+  if (!watched && may_see_past(request.stream)) tell_history(request.stream);
 }
 
 void Subscriber::unsubscribe(const control::Unsubscribe& request) {
+  if (end_rewind(request.stream)) return;
   Stream* stream = context().hub.find(request.stream);
   const auto watched = stream != nullptr ? streams_.find(stream->id()) : streams_.end();
   if (watched != streams_.end()) synchronise(watched->second, {});
@@ -124,6 +133,106 @@ void Subscriber::synchronise(Watched& watched, const std::string& group) {
   if (!group.empty()) watched.moment = context().moments.join(group, watched.stream->name());
   watched.is_waited_for = grant().may_speak(group).has_value();
   follow_beat();
+}
+
+Result<void> Subscriber::may_see_past(const std::string& stream) const {
+  if (auto may = grant().may_subscribe(stream); !may) return may;
+  if (auto may = grant().may_rewind(stream); !may) return may;
+  if (context().history.keeps(stream)) return {};
+  return fail(ErrorCode::kNotFound, "this broker keeps nothing of '" + stream + "' to be seen again: see [history]");
+}
+
+void Subscriber::tell_history(const std::string& stream, const Error* why) {
+  control::History history{stream};
+  if (why == nullptr || why->code != ErrorCode::kRefused) history = context().history.of(stream, steady_now_us());
+  if (why != nullptr) history.code = name_of(why->code);
+  if (why != nullptr) history.message = why->message;
+  send(history);
+}
+
+void Subscriber::seek(const control::Seek& wanted) {
+  if (const auto sought = try_to_seek(wanted); !sought) tell_history(wanted.stream, &sought.error());
+}
+
+Result<void> Subscriber::try_to_seek(const control::Seek& wanted) {
+  if (auto may = may_see_past(wanted.stream); !may) return may;
+  if (const auto seen = rewinds_.find(wanted.stream); seen != rewinds_.end()) {
+    seen->second->seek(wanted);
+    return {};
+  }
+  const Stream* stream = context().hub.find(wanted.stream);
+  const auto watched = stream != nullptr ? streams_.find(stream->id()) : streams_.end();
+  if (watched == streams_.end())
+    return fail(ErrorCode::kNotFound, "this connection does not watch '" + wanted.stream + "': subscribe first");
+  Shares& viewers = context().history.viewers;
+  const std::int64_t max = context().config.history.max_viewers;
+  if (!viewers.fits(holder(), 1, max)) {
+    return fail(ErrorCode::kRefused, std::to_string(viewers.used()) + " viewers see the past, and of the " +
+                                         std::to_string(max) +
+                                         " that history.max_viewers allows too few are free "
+                                         "for one that holds more: try again later");
+  }
+  const auto rewind = std::make_shared<Rewind>(context(), static_cast<Rewind::Viewer&>(*this), wanted, holder(),
+                                               watched->second.ladder.asked(), viewers.hold(holder(), 1));
+  rewinds_.emplace(wanted.stream, rewind);
+  rewind->seek(wanted);
+  return {};
+}
+
+bool Subscriber::end_rewind(const std::string& stream) {
+  const auto found = rewinds_.find(stream);
+  if (found == rewinds_.end()) return false;
+  const std::shared_ptr<Rewind> rewind = std::move(found->second);
+  rewinds_.erase(found);
+  rewind->stop();
+  Stream* past = rewind->stream();
+  if (past == nullptr || streams_.erase(past->id()) == 0) return false;
+  grant().give_back(Resource::kStream);
+  outbox().close_lane(past->id());
+  past->unwatch(*this);
+  return true;
+}
+
+bool Subscriber::show_past(Rewind& rewind, Stream* former) {
+  const bool of_present = former == nullptr;
+  if (of_present) former = context().hub.find(rewind.name());
+  const auto watched = former != nullptr ? streams_.find(former->id()) : streams_.end();
+  if (watched == streams_.end()) {  // Nothing any more: a stream that could not be watched again.
+    (void)end_rewind(rewind.name());
+    return false;
+  }
+  synchronise(watched->second, {});
+  streams_.erase(watched);
+  outbox().close_lane(former->id());
+  former->unwatch(*this);
+  if (of_present) context().hub.unwatched(*former);
+  Stream& past = *rewind.stream();
+  streams_.try_emplace(past.id(), Watched{&past, Ladder(rewind.profile())});
+  if (auto watching = past.watch(*this, rewind.profile()); !watching) {
+    refuse_seek(rewind, watching.error());
+    show_present(rewind);
+    return false;
+  }
+  context().hub.mark_dirty(past);
+  return true;
+}
+
+void Subscriber::show_present(const Rewind& rewind) {
+  const std::string name = rewind.name();
+  const Profile wanted = rewind.wanted();
+  if (end_rewind(name)) return subscribe({name, wanted});
+  Stream* stream = context().hub.find(name);
+  if (stream != nullptr && streams_.contains(stream->id())) send(stream->info_text(*this));
+}
+
+void Subscriber::refuse_seek(const Rewind& rewind, const Error& why) {
+  const std::string name = rewind.name();
+  tell_history(name, &why);
+  if (rewind.stream() == nullptr && !rewind.is_seeking()) (void)end_rewind(name);
+}
+
+TimeUs Subscriber::pay(double work_us) {
+  return grant().take_work(work_us, context().turn.now_us(), kForeverUs).value_or(0);
 }
 
 void Subscriber::note_late(const control::Late& late) {
@@ -355,6 +464,7 @@ void Subscriber::report_dropped() {
 
 void Subscriber::on_closed() {
   report_dropped();
+  while (!rewinds_.empty()) (void)end_rewind(std::string(rewinds_.begin()->first));
   for (const auto& [room, seat] : std::exchange(rooms_, {})) context().rooms.leave(room, seat);
   context().on_beat.erase(this);
   for (const auto& [id, watched] : std::exchange(streams_, {})) {

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "broker/connections/connection.h"
+#include "broker/connections/rewind.h"
 #include "broker/relay/moments.h"
 #include "broker/relay/rooms.h"
 #include "broker/relay/stream.h"
@@ -15,7 +16,7 @@ namespace eigencast::broker {
 
 /// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event
 /// loop.
-class Subscriber final : public Watcher, public Connection {
+class Subscriber final : public Watcher, public Connection, private Rewind::Viewer {
  public:
   /// Of rooms, so that nobody who speaks fills the links of others: bytes a second, and at once.
   static constexpr std::int64_t kNewsBytesPerS = 131'072, kNewsBurst = 131'072;
@@ -78,6 +79,17 @@ class Subscriber final : public Watcher, public Connection {
   Rooms::Limits room_limits();
   void refuse_in_room(const Error& why, const std::string& room);
   void acknowledge(const control::Ack& ack);
+  void tell_history(const std::string& stream, const Error* why = nullptr);
+  Result<void> may_see_past(const std::string& stream) const;
+  void seek(const control::Seek& wanted);
+  Result<void> try_to_seek(const control::Seek& wanted);
+  /// Whether the past of the stream was shown, which is watched no more.
+  bool end_rewind(const std::string& stream);
+  bool show_past(Rewind& rewind, Stream* former) override;
+  void show_present(const Rewind& rewind) override;
+  void refuse_seek(const Rewind& rewind, const Error& why) override;
+  TimeUs pay(double work_us) override;
+  std::shared_ptr<void> lifetime() override { return shared_from_this(); }
   void report_dropped();
   void step(Stream& stream, Ladder& ladder);
 
@@ -86,6 +98,7 @@ class Subscriber final : public Watcher, public Connection {
   bool synchronised_ = false;                 ///< Whether one of its streams has a moment; asked at each delivery.
   std::map<std::string, Rooms::Seat> rooms_;  ///< At most limits::kMaxRooms.
   std::size_t room_ = 0;                      ///< Of these the next one that is told.
+  std::map<std::string, std::shared_ptr<Rewind>> rewinds_;  ///< By stream; streams_ has what each watches.
   RateLimiter news_bytes_;
   TimeUs news_due_us_ = 0, rooms_due_us_ = 0;
   std::uint64_t joins_counted_ = 0;

@@ -23,6 +23,7 @@ class AssetStore;
 class Backbone;
 class Connection;
 class Gate;
+struct History;
 class Hub;
 class Loops;
 class MemoryReads;
@@ -36,9 +37,11 @@ class Turn;
 /// What the event loops of a broker share; outlives them. Thread-safe unless said otherwise.
 struct SharedContext {
   boost::asio::thread_pool& disk;  ///< Runs calls that block on the disk.
+  boost::asio::thread_pool& past;  ///< Reads the history: nothing else waits for that.
   Gate& gate;
   AssetStore& assets;
   Recorder& recorder;
+  History& history;
   Ownership& ownership;      ///< Belongs to the first loop.
   const Backbone* backbone;  ///< Belongs to the first loop. Null: this broker has no cluster.
   LogSink log;

@@ -21,6 +21,7 @@
 #include "broker/relay/hub.h"
 #include "broker/relay/rooms.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/history.h"
 #include "broker/storage/recorder.h"
 #include "common/wire/link_bytes.h"
 
@@ -202,6 +203,12 @@ class BrokerMetrics {
     counter("recording_frames_dropped_total", "Frames left out because the disk was behind.", totals.dropped);
     gauge("recording_queue_bytes", "Waiting for the disk.", totals.queued_bytes);
     gauge("recording_stored_bytes", "All recordings on the disk.", totals.stored_bytes);
+    const History& history = context_.history;
+    const Recorder::Totals kept = history.kept ? history.kept->totals() : Recorder::Totals{};
+    counter("history_failed_total", "Streams of which no more is kept because of the disk.", kept.failed);
+    counter("history_frames_dropped_total", "Frames left out because the disk was behind.", kept.dropped);
+    gauge("history_stored_bytes", "All that is kept of streams.", kept.stored_bytes);
+    gauge("history_viewers", "Viewers that see the past.", history.viewers.used());
   }
 
   void backbone() {

@@ -2,6 +2,7 @@
 #include "broker/relay/hub.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cassert>
 #include <tuple>
 
@@ -116,6 +117,31 @@ Stream* Hub::find(std::string_view name) {
 void Hub::unwatched(Stream& stream) {
   if (!stream.has_publisher() && stream.epoch() == 0) discharge(stream);
   if (is_idle(stream) && !stream.charge_) forget(streams_.find(stream.name()));
+}
+
+Result<std::unique_ptr<Stream>> Hub::make_apart(const std::string& name, const std::string& holder,
+                                                const StreamFormat& format, TimeUs max_span_us) {
+  Shares& keys = settings_.stream.memory->keys;
+  const std::int64_t bytes = keys_bytes(format);
+  if (!keys.fits(holder, bytes, settings_.stream.max_bytes))
+    return fail(ErrorCode::kTooLarge, "its keys take up to " + std::to_string(bytes) +
+                                          " bytes, and of limits.max_stream_bytes too few are free for one that holds "
+                                          "more: try again later");
+  static std::atomic<std::uint64_t> made{0};
+  auto share = settings_.ids->of("~" + std::to_string(++made));  // No stream's name.
+  if (!share) return share.error();
+  Stream::Settings settings = settings_.stream;
+  settings.taps.clear();
+  settings.max_span_us = max_span_us;
+  auto stream = std::make_unique<Stream>(name, std::move(*share), settings);
+  stream->keys_ = {holder, bytes, keys.hold(holder, bytes)};
+  return stream;
+}
+
+void Hub::forget_apart(Stream& stream) {
+  assert(stream.watchers_here() == 0);
+  std::erase(dirty_, &stream);
+  unschedule(stream);
 }
 
 void Hub::drop(Stream& stream) {

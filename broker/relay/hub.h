@@ -43,6 +43,12 @@ class Hub {
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`. May destroy the stream.
   void unwatched(Stream& stream);
+  /// A stream beside the named ones, under an id of its own and without taps, whose sender is not the network: the hub
+  /// pumps it until forget_apart(). Its keys count towards `holder`. Errors: kTooLarge (max_bytes; no ids left).
+  Result<std::unique_ptr<Stream>> make_apart(const std::string& name, const std::string& holder,
+                                             const StreamFormat& format, TimeUs max_span_us);
+  /// REQUIRES: no watchers. Call before it ends.
+  void forget_apart(Stream& stream);
   /// Removes it with the pose it holds. REQUIRES: no publisher, no watchers.
   void drop(Stream& stream);
 

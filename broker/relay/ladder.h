@@ -34,6 +34,7 @@ class Ladder {
   std::optional<Step> check(const Counts& counts, std::uint8_t bands);
 
   std::size_t rung() const { return rung_; }
+  const Profile& asked() const { return requested_; }
 
  private:
   std::optional<Step> descend(const Counts& lately, const std::vector<Profile>& rungs);

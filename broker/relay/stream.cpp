@@ -551,6 +551,7 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.world = present_.announced.world;
   if (present_.next) info.next = *present_.next;
   info.profile = profile_of(watcher);
+  info.rewind = rewind_;
   return info;
 }
 

@@ -272,6 +272,8 @@ class Stream {
   /// About how long a part of a frame of its sender takes to decode, by its bytes; the coefficients count for the last.
   double decoding_us(std::uint64_t bytes, bool last) const;
   control::StreamInfo info_for(const Watcher& watcher) const;
+  /// Reports to watchers that what comes from the next epoch on is of the past.
+  void set_rewind(const control::StreamInfo::Rewind& rewind) { rewind_ = rewind; }
   /// The same as a message: one for all of a profile, as a stream may have many watchers and long names.
   std::shared_ptr<const std::string> info_text(const Watcher& watcher) const;
   /// `remember`, likewise, for viewers that were told of so many of the segments. REQUIRES: memory().
@@ -385,6 +387,7 @@ class Stream {
   Keys keys_;
   std::string resume_;
   std::optional<Coming> coming_;  ///< Announced; its first frame has not come.
+  std::optional<control::StreamInfo::Rewind> rewind_;
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;

@@ -34,7 +34,8 @@ struct RecordingInfo {
 };
 inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting", "recording", "finished", "failed"}};
 
-/// Records streams into files (docs/recording-format.md), one file each, on its own thread.
+/// Records streams into files (docs/recording-format.md), one file each, on its own thread. Where it keeps the last of
+/// them only, its files are short, the oldest go, and the store keeps the assets that they need.
 /// Keys beyond the bound of the queue, or their holder's share_of() it, are dropped, counted, logged and bridged by a
 /// checkpoint: recording never delays a frame. If the disk fails or is full, or a quota is used up, the recording ends
 /// and streaming continues. Files of earlier runs count towards the quota of all, and are no holder's. Thread-safe.
@@ -47,6 +48,14 @@ class Recorder final : public StreamTap {
     bool include_asset = false;  ///< Include the asset's objects.
     std::int64_t max_queued_bytes = 16 << 20;
     std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all in the folder; one holder's: share_of() it.
+    TimeUs checkpoint_us = 1'000'000;                         ///< From one checkpoint to the next.
+    TimeUs keep_us = 0;  ///< Not 0: only so much is kept, and no more than max_total_bytes; nothing is ended for that.
+  };
+  /// A file of those kept, in microseconds since 1970.
+  struct Piece {
+    std::string file;
+    TimeUs from_us = 0, to_us = 0;  ///< From its first pose to its last, or to where the next file goes on.
+    bool growing = false;
   };
   struct Totals {
     std::uint64_t active = 0;
@@ -70,6 +79,12 @@ class Recorder final : public StreamTap {
   /// Active recordings, then the last ended ones, latest first.
   std::vector<RecordingInfo> list() const;
   Totals totals() const;
+  /// What is kept of a stream, ascending.
+  std::vector<Piece> pieces(std::string_view stream) const;
+  /// Whether it is to be kept.
+  bool keeps(std::string_view stream) const { return settings_.keep_us > 0 && settings_.streams.matches(stream); }
+  /// A time of the steady clock in microseconds since 1970, by what the system's clock said at the start.
+  TimeUs unix_from_steady(TimeUs steady_us) const { return steady_us + unix_ahead_us_; }
 
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
@@ -79,18 +94,32 @@ class Recorder final : public StreamTap {
  private:
   struct Session;
   struct Item;
+  struct Kept : Piece {
+    std::string asset, holder;
+    std::uint64_t charged = 0;
+  };
+  using KeptPtr = std::shared_ptr<Kept>;
   using SessionPtr = std::shared_ptr<Session>;
 
   SessionPtr add(std::string_view stream, bool automatic);
   void push(Item item);
-  void announce(const SessionPtr& session, const Stream& stream);
+  /// first_us  arrival of the session's first key, where it is announced with that
+  void announce(const SessionPtr& session, const Stream& stream, TimeUs first_us = 0);
+  bool is_full(const Session& session, TimeUs arrival_us) const;
   void end(const SessionPtr& session);
   void run();
   void repair();
+  void restore(const std::string& path);
+  void keep(Session& session, const Item& announced, const std::string& path);
+  void remove_oldest();
+  void pin(const Kept& kept, int files);
   void recount();
   const char* used_up(const std::string& holder) const;
   void work(Item& item);
-  void open(Session& session);
+  void end_piece(Session& session);
+  void open(Session& session, const Item& announced);
+  /// Of what is kept nobody wants to read of each file.
+  LogLevel info_level() const { return settings_.keep_us > 0 ? LogLevel::kDebug : LogLevel::kInfo; }
   bool write_object(Session& session, const Sha256& id, ByteView bytes);
   void write_asset(Session& session);
   void write_announcement(Session& session, const Item& item);
@@ -105,7 +134,9 @@ class Recorder final : public StreamTap {
   const LogSink log_;
   std::vector<SessionPtr> open_;                  ///< Belongs to the thread: sessions with open files.
   std::map<std::string, std::string> holder_of_;  ///< Belongs to the thread: holders by file.
-  std::atomic<std::uint64_t> active_{0};          ///< Zero lets on_key() return at once.
+  std::map<std::string, int> pins_;               ///< Belongs to the thread: files that need an asset.
+  const TimeUs unix_ahead_us_;
+  std::atomic<std::uint64_t> active_{0};  ///< Zero lets on_key() return at once.
 
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_), all that follows.
@@ -115,7 +146,9 @@ class Recorder final : public StreamTap {
   std::map<std::string, std::int64_t> queued_;  ///< Bytes of it, by holder.
   std::deque<RecordingInfo> ended_;
   Totals totals_;
-  std::map<std::string, std::uint64_t> holders_;  ///< What their recordings are charged.
+  std::map<std::string, std::uint64_t> holders_;                  ///< What their recordings are charged.
+  std::map<std::string, std::deque<KeptPtr>, std::less<>> kept_;  ///< By stream, ascending; none is empty.
+  decltype(kept_)::iterator next_to_go(TimeUs now_us);
   bool stopping_ = false;
   std::thread thread_;
 };

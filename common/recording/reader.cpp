@@ -68,7 +68,7 @@ Result<void> Reader::begin() {
   info_.start.software = text_of(in.bytes(in.u8()));
   if (in.failed()) return fail(ErrorCode::kCorrupt, "the first record of the recording is damaged");
   at_ = first_ = kHeaderBytes + kHeadBytes + start->body.size();
-  if (!load_end()) scan();
+  if (!load_end()) scan(first_);
   return {};
 }
 
@@ -114,14 +114,21 @@ bool Reader::load_index(std::uint64_t offset) {
                         [](const IndexEntry& a, const IndexEntry& b) { return a.time_us < b.time_us; });
 }
 
-void Reader::scan() {
-  std::uint64_t offset = first_, announce = 0;
+bool Reader::extend(std::uint64_t size) {
+  const std::uint64_t before = info_.whole_bytes;
+  if (info_.complete || size <= before) return false;
+  size_ = size;
+  scan(before);
+  return info_.whole_bytes > before;
+}
+
+void Reader::scan(std::uint64_t offset) {
   while (const auto record = record_at(offset)) {
     if (record->time_us < info_.duration_us) break;
     info_.duration_us = record->time_us;
     if (record->type == Type::kFrame) ++info_.frames;
-    if (record->type == Type::kAnnounce) announce = offset;
-    if (record->type == Type::kCheckpoint && announce != 0) index_.push_back({record->time_us, offset, announce});
+    if (record->type == Type::kAnnounce) announce_ = offset;
+    if (record->type == Type::kCheckpoint && announce_ != 0) index_.push_back({record->time_us, offset, announce_});
     if (record->type == Type::kGap) info_.dropped += ByteReader(record->body).u64();
     offset += kHeadBytes + record->body.size();
   }

@@ -39,6 +39,9 @@ class Reader {
   static Result<Reader> open(const std::string& path);
   static Result<Reader> over(Bytes bytes);
 
+  /// Looks on, where the file is still being written and has so many bytes now. Whether there are more whole records.
+  bool extend(std::uint64_t size);
+
   const Info& info() const { return info_; }
   const std::vector<IndexEntry>& index() const { return index_; }
 
@@ -68,7 +71,7 @@ class Reader {
   Result<void> begin();
   bool load_end();
   bool load_index(std::uint64_t offset);
-  void scan();
+  void scan(std::uint64_t offset);
   bool read_at(std::uint64_t offset, std::size_t count, Bytes& out);
   std::optional<Head> head_at(std::uint64_t offset);
   /// The whole record at `offset`, whose head fits into the file and whose sum is right; nothing otherwise.
@@ -78,6 +81,7 @@ class Reader {
   std::uint64_t size_ = 0;
   std::uint64_t at_ = kHeaderBytes;
   std::uint64_t first_ = kHeaderBytes;  ///< The record behind "start".
+  std::uint64_t announce_ = 0;          ///< The last that scan() found.
   Info info_;
   std::vector<IndexEntry> index_;
   std::deque<Record> pending_;

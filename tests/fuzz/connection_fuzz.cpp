@@ -40,6 +40,7 @@
 #include "broker/loops/loops.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/history.h"
 #include "broker/storage/recorder.h"
 #include "broker/websocket/protocol.h"
 #include "common/core/bytes.h"
@@ -279,9 +280,11 @@ class Service {
                    .streams = StreamPatterns::from({}).value(),
                    .include_asset = false},
                   *assets_, {}),
+        history_({.folder = folder_ + "/history", .software = "fuzz", .streams = {}}, *assets_, {}),
         ownership_([this]() -> Result<std::uint32_t> { return ++epoch_; }),
         disk_(0),
-        loops_(config(), {disk_, gate_, *assets_, recorder_, ownership_, nullptr, {}, "fuzz", "session"},
+        loops_(config(),
+               {disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "fuzz", "session"},
                {assets_.get(), &recorder_}) {
     std::signal(SIGPIPE, SIG_IGN);
     clock_is_stepped = true;
@@ -350,6 +353,7 @@ class Service {
   Gate gate_;
   std::unique_ptr<AssetStore> assets_;
   Recorder recorder_;
+  History history_;
   SoleOwnership ownership_;
   asio::thread_pool disk_;  ///< Without threads: run() does its work.
   Loops loops_;

@@ -106,10 +106,18 @@ std::vector<ControlMessage> samples() {
       Seek{"lab/horse", 1'800'000'030'000'000},
       Seek{"lab/horse", limits::kMaxTimeUs, true, 0},
       Seek{"lab/horse", 0, false, 0.125},
-      StreamInfo{.stream = "lab/horse",
-                 .state = StreamInfo::State::kWaiting,
-                 .stream_id = 9,
-                 .rewind = StreamInfo::Rewind{1'800'000'030'000'000, 17, 0.5}},
+      StreamInfo{"lab/horse",
+                 StreamInfo::State::kWaiting,
+                 9,
+                 0,
+                 0,
+                 "",
+                 {},
+                 0,
+                 {},
+                 std::nullopt,
+                 std::nullopt,
+                 StreamInfo::Rewind{1'800'000'030'000'000, 17, 0.5}},
   };
 }
 

@@ -267,12 +267,15 @@ TEST(JwtTest, CreatedTokenGrantsWhatWasRequested) {
   ASSERT_TRUE(token);
   EXPECT_THAT(why(verify_token(*token, rules_with({key}), kNow)), HasSubstr("\"sub\"")) << "blanks are refused";
   const auto good =
-      create_token({"camera-1", "eigencast", "me", {"lab/*"}, {"**"}, true, kNow, kNow + 60}, key).value();
+      create_token({"camera-1", "eigencast", "me", {"lab/*"}, {"**"}, true, kNow, kNow + 60, {"a"}, {"b", "c"}}, key)
+          .value();
   const auto claims = verify_token(good, rules_with({key}), kNow);
   ASSERT_TRUE(claims) << claims.error().message;
   EXPECT_EQ(claims->key_id, "main");
   EXPECT_EQ(claims->expires_s, kNow + 60);
   EXPECT_THAT(claims->rights.publish.texts(), ElementsAre("lab/*"));
+  EXPECT_THAT(claims->rights.speak.texts(), ElementsAre("a"));
+  EXPECT_THAT(claims->rights.rewind.texts(), ElementsAre("b", "c"));
   EXPECT_TRUE(claims->rights.admin);
   EXPECT_FALSE(create_token({"x", "", "", {"a//b"}, {}, false, kNow, kNow + 60}, key));
   const auto public_half = TokenKey::from_pem("golden", Algorithm::kEs256, golden::kGoldenEs256Key).value();

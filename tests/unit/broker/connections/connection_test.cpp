@@ -16,6 +16,7 @@
 #include "broker/relay/memory_reads.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/history.h"
 #include "broker/storage/recorder.h"
 #include "broker/websocket/protocol.h"
 #include "tests/support/process.h"
@@ -53,7 +54,8 @@ class ConnectionTest : public ::testing::Test {
   std::shared_ptr<Counting> connect() {
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends_.data()), 0);
     loops_ = std::make_unique<Loops>(
-        config_, SharedContext{disk_, gate_, *assets_, recorder_, ownership_, nullptr, {}, "test", "session"},
+        config_,
+        SharedContext{disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "test", "session"},
         std::vector<StreamTap*>{});
     loops_->first().begin();
     Context& context = loops_->first().context();
@@ -77,6 +79,7 @@ class ConnectionTest : public ::testing::Test {
                       .include_asset = false},
                      *assets_,
                      {}};
+  History history_{{.folder = folder_.file("history"), .software = "test", .streams = {}}, *assets_, {}};
   SoleOwnership ownership_{[]() -> Result<std::uint32_t> { return 1; }};
   asio::thread_pool disk_{1};
   std::unique_ptr<Loops> loops_;
