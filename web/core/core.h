@@ -125,8 +125,8 @@ int32_t CORE(playout_add_next)(core_playout* playout, int64_t time_us, const dou
                                uint32_t bands);
 /* What to show now; null before the first pose. */
 const core_shown* CORE(playout_at)(core_playout* playout, int64_t now_us);
-/* From now on the pose of now_us - lag_us is shown at now_us; INT64_MIN: by the settings. Returns the least lag with which
-   all poses of late would have been there in time; INT64_MIN: it is not known yet. */
+/* From now on the pose of now_us - lag_us is shown at now_us; INT64_MIN: by the settings. Returns the least lag with
+   which all poses of late would have been there in time; INT64_MIN: it is not known yet. */
 int64_t CORE(playout_keep_lag)(core_playout* playout, int64_t lag_us);
 int64_t CORE(playout_delay_us)(const core_playout* playout);
 void CORE(playout_reset)(core_playout* playout);
