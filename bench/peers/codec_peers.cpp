@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // codec_peers CLIP [RANK [EPS_OVER_DIAGONAL]]: what a clip takes as coefficients and as geometry, frame by frame, as
-// CSV.
+// CSV. Rows "without ..." are the stream with one mechanism off, at the same quantiser.
 //
 // The geometry codecs get the coarsest grid whose Karni-Gotsman error is no larger than that of the quantised stream in
 // all. Both round positions to a cubic grid over the box of the frame, so that their error is taken from that rounding
@@ -136,13 +136,34 @@ std::size_t meshopt_bytes(const std::vector<Vec3>& pose, int bits) {
 }
 #endif
 
+/// What keys are predicted from.
+enum class Predicted { kFromTwo, kFromOne, kFromNone };
+
+/// The payload of `key`, which becomes the one that is decoded.
+CodedKey encode(const CoefficientLayout& layout, const ChainState& state, const Key& key, const Quantiser& quantiser,
+                Predicted predicted) {
+  switch (predicted) {
+    case Predicted::kFromTwo:
+      return value_or_exit(encode_key(layout, state, key, quantiser.half_spacing));
+    case Predicted::kFromOne:
+      return value_or_exit(encode_key(layout, {state.newer, state.newer}, key, quantiser.half_spacing));
+    case Predicted::kFromNone:
+      break;
+  }
+  const std::uint8_t spacing = step_index_below(2.0 * quantiser.half_spacing * step_size(quantiser.step));
+  const Key coarse = value_or_exit(key_from_coefficients(layout, coefficients_from_key(layout, key), spacing));
+  const Key nothing = empty_key(layout, {}, spacing);
+  return value_or_exit(encode_key(layout, {nothing, nothing}, coarse, 0));
+}
+
 /// The clip as a stream of coefficients.
-Row as_coefficients(const std::string& method, CodecKind codec, const BakeResult& baked, const Poses& poses,
-                    double eps) {
+Row as_coefficients(const std::string& method, CodecKind codec, const BakeResult& baked, const Poses& poses, double eps,
+                    Predicted predicted = Predicted::kFromTwo) {
   const Asset& asset = baked.asset;
   const Projector projector = value_or_exit(Projector::create(asset));
   const CoefficientLayout layout{codec, asset.rank, 3, asset.band_ends};
-  const Quantiser quantiser = quantiser_for_error(eps * asset.diagonal(), asset.area, asset.rank);
+  Quantiser quantiser = quantiser_for_error(eps * asset.diagonal(), asset.area, asset.rank);
+  if (codec != CodecKind::kQuantised) quantiser.half_spacing = 0;
   SurfaceErrorSum sum(asset.diagonal());
   SourceRebuilder rebuilder(asset);
   std::optional<ChainState> state;
@@ -156,8 +177,7 @@ Row as_coefficients(const std::string& method, CodecKind codec, const BakeResult
     Key key = value_or_exit(key_from_coefficients(layout, C, quantiser.step));
     if (state) {
       const auto begin = std::chrono::steady_clock::now();
-      auto coded = value_or_exit(
-          encode_key(layout, *state, key, codec == CodecKind::kQuantised ? quantiser.half_spacing : std::uint8_t{0}));
+      auto coded = encode(layout, *state, key, quantiser, predicted);
       encode_us += std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - begin).count();
       row.bytes_per_frame += static_cast<double>(coded.payload.size());
       key = std::move(coded.key);
@@ -173,9 +193,15 @@ Row as_coefficients(const std::string& method, CodecKind codec, const BakeResult
 }
 
 void run(const MotionClip& clip, const std::string& name, int rank, double eps) {
-  BakeOptions options;
-  options.rank = rank;
-  const BakeResult baked = value_or_exit(bake(clip.rest(), options, {}));
+  const KnownMotion motion = motion_of(clip);
+  const auto baked_as = [&](BasisKind basis, int columns) {
+    BakeOptions options;
+    options.basis = basis;
+    options.rank = columns;
+    if (basis == BasisKind::kPca) options.motion = &motion;
+    return value_or_exit(bake(clip.rest(), options, {}));
+  };
+  const BakeResult baked = baked_as(BasisKind::kAugmented, rank);
   const double diagonal = baked.asset.diagonal();
   Poses poses;
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) poses.push_back(value_or_exit(clip.pose(frame)));
@@ -186,6 +212,17 @@ void run(const MotionClip& clip, const std::string& name, int rank, double eps) 
   print(name, vertices, ours);
   print(name, vertices, as_coefficients("coefficients float32", CodecKind::kFloat32, baked, poses, eps));
   print(name, vertices, as_coefficients("coefficients float64", CodecKind::kFloat64, baked, poses, eps));
+  constexpr int kWholeClipColumns = 50;  // The sender's default of that basis.
+  print(name, vertices,
+        as_coefficients("whole-clip PCA", CodecKind::kQuantised, baked_as(BasisKind::kPca, kWholeClipColumns), poses,
+                        eps));
+  print(name, vertices,
+        as_coefficients("without the key before the last", CodecKind::kQuantised, baked, poses, eps,
+                        Predicted::kFromOne));
+  print(name, vertices,
+        as_coefficients("without prediction", CodecKind::kQuantised, baked, poses, eps, Predicted::kFromNone));
+  print(name, vertices,
+        as_coefficients("without products", CodecKind::kQuantised, baked_as(BasisKind::kHarmonic, rank), poses, eps));
 
   int bits = kMinBits;
   while (bits < kMaxBits && error_on_grid(poses, bits, diagonal) > ours.kg_percent) ++bits;
