@@ -67,7 +67,8 @@ class Scene:
     def start_broker(self, listen):
         (self.folder / "port").unlink(missing_ok=True)
         self.broker = subprocess.Popen([BROKER, f"--listen={listen}", "--admin-listen=127.0.0.1:0", f"--port-file={self.folder / 'port'}",
-                                        f"--data-dir={self.folder / 'broker'}", "--log-level=error"])
+                                        f"--data-dir={self.folder / 'broker'}", "--log-level=error",
+                                        "--frames-ladder=false"])  # All bands, however busy the machine is.
         self.port = ports_of(self.folder / "port")[0]
         self.url = f"http://127.0.0.1:{self.port}/live/tube"
 
