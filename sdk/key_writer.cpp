@@ -5,6 +5,19 @@
 #include <utility>
 
 namespace eigencast {
+namespace {
+
+/// The key at the step of coded levels, which moves its values by no more than coding does.
+Key at_levels(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing) {
+  if (layout.is_float() || half_spacing == 0) return key;
+  const std::uint8_t step = step_index_below(2.0 * half_spacing * step_size(key.step));
+  auto coarse = key_from_coefficients(layout, coefficients_from_key(layout, key), step);
+  if (!coarse) return key;
+  coarse->bands = key.bands;
+  return *std::move(coarse);
+}
+
+}  // namespace
 
 KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate,
                      std::uint8_t coarse_half_spacing)
@@ -44,7 +57,10 @@ Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
   // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
   ChainState first = advanced(std::nullopt, std::move(key), 0);
   if (older_) {
-    first.older = choice.bands < all ? lowest_bands(layout_, *older_, choice.bands) : *older_;
+    // All viewers get these two at once: exactly they would take as much as a dozen keys.
+    first.newer = at_levels(layout_, first.newer, choice.half_spacing);
+    first.older = at_levels(layout_, *older_, choice.half_spacing);
+    if (choice.bands < all) first.older = lowest_bands(layout_, std::move(first.older), choice.bands);
     first.age_us = capture_us - newest_.capture_us;
   }
   const auto payload = encode_join(layout_, first);

@@ -23,8 +23,9 @@ std::optional<MemoryKeeper::Options> keeper_options_of(const PublisherOptions& o
   return MemoryKeeper::Options{layout, encoded.manifest.id.digest, options.bitrate, options.memory == MemoryUse::kOn};
 }
 
+/// Rounded up: rounded to nearest, keys may take some percent more bits than what `by` was chosen for.
 std::uint8_t multiplied(std::uint8_t half_spacing, double by) {
-  return static_cast<std::uint8_t>(std::clamp(std::lround(half_spacing * by), 0L, long{band::kMaxHalfSpacing}));
+  return static_cast<std::uint8_t>(std::clamp(std::ceil(half_spacing * by - 1e-9), 0.0, double{band::kMaxHalfSpacing}));
 }
 
 }  // namespace

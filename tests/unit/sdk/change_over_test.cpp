@@ -5,6 +5,8 @@
 #include <algorithm>
 
 #include "common/reconstruction/reconstruct.h"
+#include "common/wire/envelope.h"
+#include "sdk/key_writer.h"
 #include "sdk/surfaces.h"
 #include "sdk/transfer.h"
 #include "tests/unit/sdk/ball_stream.h"
@@ -44,6 +46,32 @@ TEST(Transfer, SurfacesOfOtherVerticesHaveNone) {
   Asset turned = *model(90).asset;
   std::swap(turned.source_vertex[0], turned.source_vertex[1]);
   EXPECT_FALSE(Transfer::between(*model(40).asset, turned));
+}
+
+TEST(ChangeOver, ItsFirstKeysAreAsCoarseAsOthersAndShort) {
+  const Asset& asset = *model(90).asset;
+  const CoefficientLayout layout{CodecKind::kQuantised, asset.rank, 3, asset.band_ends};
+  const Quantiser quantiser = quantiser_for_error(1e-3 * asset.diagonal(), asset.area, asset.rank);
+  const auto key = [&](int i) { return key_from_coefficients(layout, pose(asset, i), quantiser.step).value(); };
+  KeyWriter writer(layout, quantiser.half_spacing, {});
+  const ChainClock newest{7, 1'000'000, 33'333};
+  writer.continue_as({}, newest, key(3));
+  const auto coded = writer.code(key(4), 1'033'333);
+  ASSERT_TRUE(coded) << coded.error().message;
+  const auto frame = parse_frame(coded->message);
+  ASSERT_TRUE(frame);
+  const auto state = decode_join(layout, frame->envelope.bands, frame->payload);
+  ASSERT_TRUE(state) << state.error().message;
+  EXPECT_EQ(state->newer, coded->next.newer);
+  const double spacing = 2 * quantiser.half_spacing * step_size(quantiser.step);
+  const auto compare = [&](const Key& got, int i) {
+    const auto C = coefficients_from_key(layout, got), wanted = pose(asset, i);
+    for (std::size_t k = 0; k < C.size(); ++k) ASSERT_NEAR(C[k], wanted[k], 0.55 * spacing) << k;
+  };
+  compare(state->older, 3);
+  compare(state->newer, 4);
+  const Bytes exact = encode_join(layout, {key(3), key(4), 33'333}).value();
+  EXPECT_LT(2 * frame->payload.size(), exact.size());
 }
 
 TEST(ChangeOver, AnotherSurfaceIsRefused) {
