@@ -49,7 +49,7 @@ Result<PublisherOptions> abi::publisher_options_from(const ec_publisher_options&
         {text_or(s.name, "scalar-" + std::to_string(k + 1)), text_or(s.unit, ""), s.low, s.high, s.error});
   }
   options.velocities = given.velocities != 0;
-  const auto memory = kMemoryUseNames.find(text_or(given.memory, "off"));
+  const auto memory = kMemoryUseNames.find(text_or(given.memory, "auto"));
   if (!memory) return fail(ErrorCode::kInvalidArgument, "memory must be auto, on or off");
   options.memory = *memory;
   const auto learn = kLearnUseNames.find(text_or(given.learn, "off"));

@@ -231,7 +231,7 @@ typedef struct ec_publisher_options {
   int velocities;       /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
   const ec_scalar* scalar_info; /**< As many as scalars (default: named scalar-1 and so on). */
   const char* memory; /**< Poses that all hold, so that motion that comes again takes a fraction of the bits: "auto", as
-                         far as that pays; "on", all that is new at once; "off" (default: "off"). */
+                         far as that pays; "on", all that is new at once; "off" (default: "auto"). */
   const char* learn;  /**< Columns of what the basis misses, learnt from the first seconds, for less error at as many
                          bits: "auto", where that pays; "on", wherever there are some; "off" (default: "off"). */
 } ec_publisher_options;

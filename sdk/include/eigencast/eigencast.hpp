@@ -208,7 +208,7 @@ struct PublisherOptions {
   Access access = {};                         ///< How the broker lets you in.
   std::vector<Scalar> scalars = {};           ///< Values that ride on each vertex.
   bool velocities = false;                    ///< Poses come with velocities.
-  std::string memory = "off", learn = "off";  ///< See ec_publisher_options.
+  std::string memory = "auto", learn = "off";  ///< See ec_publisher_options.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.

@@ -236,7 +236,7 @@ class Publisher(_Object):
     _release = staticmethod(LIBRARY.ec_publisher_release)
 
     def __init__(self, url, asset, *, codec="quantised", error=0.0, key_rate_hz=30.0, bitrate=0.0, still_heartbeat_us=0, scalars=(),
-                 velocities=False, memory="off", learn="off", token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
+                 velocities=False, memory="auto", learn="off", token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
         scalars = [Scalar(each) if isinstance(each, str) else each for each in scalars]
         c_scalars = (_library.Scalar * len(scalars))(*((_text(s.name), _text(s.unit), s.low, s.high, s.error) for s in scalars))
         options = _library.PublisherOptions(codec=_text(codec), error=error, key_rate_hz=key_rate_hz, bitrate=bitrate,

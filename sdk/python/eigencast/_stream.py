@@ -75,7 +75,7 @@ class Stream(_Object):
     _release = staticmethod(LIBRARY.ec_stream_release)
 
     def __init__(self, url, rank=200, *, up="y", scale=1.0, scalars=None, max_rate_hz=30.0, on_topology="rebake", basis="augmented", name="",
-                 target_error=None, cache_dir=None, error=0.0, bitrate=0.0, memory="off", learn="off", token=None, ca_file=None, certificate_file=None,
+                 target_error=None, cache_dir=None, error=0.0, bitrate=0.0, memory="auto", learn="off", token=None, ca_file=None, certificate_file=None,
                  key_file=None, insecure=False):
         if on_topology not in ("rebake", "raise"):
             raise ValueError("on_topology must be rebake or raise")
