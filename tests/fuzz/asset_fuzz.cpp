@@ -3,7 +3,7 @@
 // A hostile asset, whole: how many bands are read, the manifest and the chunks after it. An enemy computes hashes, too,
 // so those of the manifest are replaced by the ones that its chunks have. What is taken, in part or whole, is sound and
 // can be drawn at every level; what is whole is the same when it is written and read again. The bytes that remain are
-// columns for it.
+// columns for it, to which its poses are carried over.
 #include <algorithm>
 #include <cstdlib>
 
@@ -12,6 +12,7 @@
 #include "common/asset/format/reader.h"
 #include "common/reconstruction/level_triangles.h"
 #include "common/reconstruction/reconstruct.h"
+#include "sdk/transfer.h"
 
 using namespace eigencast;
 
@@ -118,6 +119,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (wider) {
     require(validate_asset(*wider).has_value() && wider->rank > reader->asset().rank);
     draw(*wider);
+    const auto transfer = Transfer::between(reader->asset(), *wider);
+    if (transfer) require(transfer->apply(reader->asset().rest, 3).size() == std::size_t{3} * wider->rank);
   }
   if (bands == 8) write_and_read(reader->asset());
   return 0;

@@ -118,7 +118,8 @@ class Session {
     reader_.restart();
   }
 
-  /// Whatever came before, a join that is well made is shown.
+  /// Whatever came before, a join that is well made is shown, and one of an epoch that has a band more, to which a
+  /// stream changes over that has learnt columns; a late frame is not.
   void end() {
     if (decoder_.layout().rows == 0 || epoch_ == 0) return;
     control::StreamInfo info;
@@ -139,6 +140,21 @@ class Session {
     const Bytes payload = encode_join(layout, state).value();
     const auto pose = decoder_.decode({head, payload});
     require(pose && *pose && **pose == state.newer);
+
+    ++info.epoch;
+    info.format.band_ends.push_back(info.format.rows += 4);
+    decoder_.set_stream(info);
+    const auto late = decoder_.decode({head, payload});
+    require(late && *late == nullptr);
+    const ChainState wider = state_from(decoder_.layout(), nothing);
+    head.epoch = info.epoch;
+    head.bands = decoder_.layout().all_bands();
+    ++head.sequence;
+    head.age_us = head.capture_us = 1;
+    const Bytes next = encode_join(decoder_.layout(), wider).value();
+    const auto shown = decoder_.decode({head, next});
+    require(shown && *shown && **shown == wider.newer &&
+            decoder_.coefficients(**shown).size() == decoder_.layout().size());
   }
 
  private:
