@@ -17,6 +17,7 @@ import json
 import multiprocessing
 import os
 import pathlib
+import random
 import socket
 import sys
 import threading
@@ -31,7 +32,7 @@ SUBPROTOCOL = "eigencast.v2"
 SECRET = "a secret of the attacks, of more than 32 bytes"
 ASSET, ASSET_ID = payloads.asset()
 RATE = 60
-FLAGS = {"proxy-trusted": "127.0.0.0/8", "access-anonymous": "anywhere", "access-jwt-secret": SECRET, "threads": 1}
+FLAGS = {"proxy-trusted": "127.0.0.0/8", "access-anonymous": "anywhere", "access-jwt-secret": SECRET, "threads": 1, "history-streams": "attack/seek"}
 SMALL = {"rows": 64, "channels": 8, "band_ends": [64], "codec": "quantised"}
 LARGE = {**SMALL, "rows": 4096, "band_ends": [4096]}  # 32,768 coefficients, the most of a stream.
 RECALLED = 4 << 3  # In a frame's first byte.
@@ -305,6 +306,29 @@ def memory_reads(port, ready, go):
     return f"{sum(count)} refused"
 
 
+def seek_flood(port, ready, go, viewers=16):
+    """Viewers of the past of a large stream, at eight addresses, seek without end, play it fast, and go on."""
+    sender, chance = Sender(port, "attack/seek", LARGE, "203.0.113.200"), random.Random(1)
+    sender.join()
+    for _ in range(400):
+        sender.peer.send(sender.frame(payloads.KEY, zeros(LARGE)[1]))
+        time.sleep(0.005)
+    time.sleep(1.5)
+    peers = read_all([connect(port, "/v1/subscribe/attack/seek", f"203.0.113.{i % 8}") for i in range(viewers)])
+    now_us, seeks, sent = int(time.time() * 1e6), 5000, [0] * viewers
+    text = b"".join(frame(TEXT, json.dumps({"op": "seek", "stream": "attack/seek", "at_us": now_us - chance.randrange(5_000_000),
+                                            "speed": chance.choice([0, 0.1, 0.9, 10])}).encode()) for _ in range(seeks))
+    for peer in peers:
+        peer.sock.setblocking(False)
+    ready()
+    while go():
+        for i, peer in enumerate(peers):
+            with contextlib.suppress(BlockingIOError):
+                sent[i] += peer.sock.send(text[sent[i]:sent[i] + 4096])
+        time.sleep(0.001)
+    return f"{sum(sent) * seeks // len(text)} seeks, {viewers} viewers"
+
+
 def list_flood(port, ready, go):
     """Eight connections of eight addresses ask for the list of 64 streams, which take no answer in between."""
     senders = [Sender(port, f"attack/list/{'x' * 100}{i}", SMALL, "203.0.113.200") for i in range(64)]
@@ -523,7 +547,8 @@ def ask_upgrade(port, forwarded):
     return peer.status
 
 
-TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, list_flood, first_reads, change_flood, full_rooms, moments, many_watched, new_names]
+TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
+         full_rooms, moments, many_watched, new_names]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 
 

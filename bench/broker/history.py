@@ -7,7 +7,8 @@
 
 A sender plays a clip until a file of the history is whole (a minute). Copies of it, each begun a file's length after the
 one before, make the hours that end now, which a new broker takes up. Then a viewer seeks random moments, with the pose
-alone asked for. Prints a line of JSON: bytes an hour, and milliseconds from a seek to the join of its pose.
+alone asked for. Prints a line of JSON: the stream's kbit/s, bytes kept an hour, and milliseconds from a seek to the join
+of its pose.
 """
 import argparse
 import json
@@ -41,6 +42,16 @@ def begun_at(recording, started_us):
     body = struct.pack("<Q", started_us) + recording[HEADER + HEAD + 8: HEADER + HEAD + size]
     head = recording[HEADER: HEADER + HEAD - 4]
     return recording[:HEADER] + head + struct.pack("<I", crc32c(head + body)) + body + recording[HEADER + HEAD + size:]
+
+
+def frame_bytes(recording):
+    """Of the sender's frames alone."""
+    at, total = HEADER, 0
+    while at < len(recording):
+        size, kind = struct.unpack_from("<IB", recording, at)
+        total += size if kind == 3 else 0
+        at += HEAD + size
+    return total
 
 
 def record(options, folder):
@@ -114,7 +125,8 @@ def main():
             viewer.sock.close()
     times.sort()
     part = {f"p{p}": round(times[min(len(times) - 1, p * len(times) // 100)], 2) for p in (50, 90, 95, 99)}
-    print(json.dumps({"bytes_an_hour": round(len(recording) / seconds * 3600), "kept_s": round(kept_s), "seeks": len(times),
+    print(json.dumps({"kbit_s": round(frame_bytes(recording) * 8 / seconds / 1000, 1),
+                      "bytes_an_hour": round(len(recording) / seconds * 3600), "kept_s": round(kept_s), "seeks": len(times),
                       "first_pose_ms": {**part, "max": round(times[-1], 2)}}))
 
 

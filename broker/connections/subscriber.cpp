@@ -156,8 +156,8 @@ void Subscriber::seek(const control::Seek& wanted) {
 
 Result<void> Subscriber::try_to_seek(const control::Seek& wanted) {
   if (auto may = may_see_past(wanted.stream); !may) return may;
-  if (const auto seen = rewinds_.find(wanted.stream); seen != rewinds_.end()) {
-    seen->second->seek(wanted);
+  if (const auto seen = rewind_of(wanted.stream)) {
+    seen->seek(wanted);
     return {};
   }
   const Stream* stream = context().hub.find(wanted.stream);
@@ -174,16 +174,22 @@ Result<void> Subscriber::try_to_seek(const control::Seek& wanted) {
   }
   const auto rewind = std::make_shared<Rewind>(context(), static_cast<Rewind::Viewer&>(*this), wanted, holder(),
                                                watched->second.ladder.asked(), viewers.hold(holder(), 1));
-  rewinds_.emplace(wanted.stream, rewind);
+  rewinds_.push_front(rewind);
   rewind->seek(wanted);
   return {};
 }
 
+std::shared_ptr<Rewind> Subscriber::rewind_of(const std::string& stream) const {
+  for (const auto& rewind : rewinds_) {
+    if (rewind->name() == stream) return rewind;
+  }
+  return nullptr;
+}
+
 bool Subscriber::end_rewind(const std::string& stream) {
-  const auto found = rewinds_.find(stream);
-  if (found == rewinds_.end()) return false;
-  const std::shared_ptr<Rewind> rewind = std::move(found->second);
-  rewinds_.erase(found);
+  const auto rewind = rewind_of(stream);
+  if (!rewind) return false;
+  rewinds_.remove(rewind);
   rewind->stop();
   Stream* past = rewind->stream();
   if (past == nullptr || streams_.erase(past->id()) == 0) return false;
@@ -464,7 +470,7 @@ void Subscriber::report_dropped() {
 
 void Subscriber::on_closed() {
   report_dropped();
-  while (!rewinds_.empty()) (void)end_rewind(std::string(rewinds_.begin()->first));
+  while (!rewinds_.empty()) (void)end_rewind(std::string(rewinds_.front()->name()));
   for (const auto& [room, seat] : std::exchange(rooms_, {})) context().rooms.leave(room, seat);
   context().on_beat.erase(this);
   for (const auto& [id, watched] : std::exchange(streams_, {})) {

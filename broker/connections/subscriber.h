@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <forward_list>
 #include <map>
 #include <memory>
 #include <optional>
@@ -85,6 +86,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   Result<void> try_to_seek(const control::Seek& wanted);
   /// Whether the past of the stream was shown, which is watched no more.
   bool end_rewind(const std::string& stream);
+  std::shared_ptr<Rewind> rewind_of(const std::string& stream) const;  ///< Null: none.
   bool show_past(Rewind& rewind, Stream* former) override;
   void show_present(const Rewind& rewind) override;
   void refuse_seek(const Rewind& rewind, const Error& why) override;
@@ -98,7 +100,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   bool synchronised_ = false;                 ///< Whether one of its streams has a moment; asked at each delivery.
   std::map<std::string, Rooms::Seat> rooms_;  ///< At most limits::kMaxRooms.
   std::size_t room_ = 0;                      ///< Of these the next one that is told.
-  std::map<std::string, std::shared_ptr<Rewind>> rewinds_;  ///< By stream; streams_ has what each watches.
+  std::forward_list<std::shared_ptr<Rewind>> rewinds_;  ///< One of a stream; streams_ has what each watches.
   RateLimiter news_bytes_;
   TimeUs news_due_us_ = 0, rooms_due_us_ = 0;
   std::uint64_t joins_counted_ = 0;
