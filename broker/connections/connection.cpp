@@ -10,8 +10,6 @@
 #include <memory_resource>
 #include <utility>
 
-#include "broker/sockets/newcomer_time.h"
-
 namespace eigencast::broker {
 namespace {
 
@@ -21,8 +19,6 @@ using websocket::Opcode;
 // Reads per turn, and work, so that a busy sender does not starve other connections.
 constexpr int kMaxReads = 4;
 constexpr double kTurnUs = 500;
-// What a viewer's messages take before it waits for its turn among all, beyond what an acknowledgement takes.
-constexpr double kAskedUs = 200, kFreeUs = 2;
 
 constexpr double kBinaryBytesPerUs = 2'000;
 // JSON at its worst, "[]" over and over; acknowledgements and all else that is common is shorter.
@@ -240,17 +236,12 @@ void Connection::begin_frame(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::pay(TimeUs wait_us) {
-  const double work_us = unpaid_us_;
-  const auto taken = grant_->take_work(work_us, context_.turn.now_us(), kMaxPauseUs);
-  turn_us_ += work_us;
-  const bool full = turn_us_ > kTurnUs && turn_us_ > work_us;
+  const auto taken = grant_->take_work(unpaid_us_, context_.turn.now_us(), kMaxPauseUs);
+  turn_us_ += unpaid_us_;
+  const bool full = turn_us_ > kTurnUs && turn_us_ > unpaid_us_;
   if (taken) unpaid_us_ = 0;
   const TimeUs work_wait_us = taken.value_or(kMaxPauseUs);
-  if (std::max(wait_us, work_wait_us) == 0) {
-    asked_us_ += std::max(work_us - kFreeUs, 0.0);
-    if (takes_turns() && asked_us_ > kAskedUs) return wait_for_turn();
-    return full ? pause(0) : void();
-  }
+  if (std::max(wait_us, work_wait_us) == 0) return full ? pause(0) : void();
   log(context_.log, LogLevel::kWarning,
       name() + ": read later, " +
           (wait_us > work_wait_us ? "it is over limits.control_messages_per_s"
@@ -270,21 +261,8 @@ void Connection::pause(TimeUs wait_us) {
   });
 }
 
-/// Crowds at many addresses have many budgets.
-void Connection::wait_for_turn() {
-  const TimeUs from_us = context_.turn.now_us();
-  const auto then = [self = shared_from_this(), from_us] {
-    self->waits_for_turn_ = false;
-    self->last_input_us_ = self->context_.turn.now_us();  // Its silence is not its own.
-    self->reader_.excuse(self->last_input_us_ - from_us);
-    self->guarded([&] { self->resume_reading(); });
-  };
-  if (context_.newcomers.take(grant_->holder(), std::exchange(asked_us_, 0), 0, then)) return;
-  paused_ = waits_for_turn_ = true;
-}
-
 void Connection::resume_reading() {
-  if (!paused_ || pause_ || waits_for_turn_ || ended_ || is_backlogged()) return;
+  if (!paused_ || pause_ || ended_ || is_backlogged()) return;
   paused_ = false;
   asio::post(context_.loop, [self = shared_from_this()] { self->guarded([&] { self->on_readable(); }); });
 }
@@ -401,7 +379,7 @@ void Connection::close_when_sent(const std::string& reason, CloseCode code) {
 }
 
 void Connection::tick() {
-  const TimeUs silent_us = waits_for_turn_ ? 0 : context_.turn.now_us() - last_input_us_;
+  const TimeUs silent_us = context_.turn.now_us() - last_input_us_;
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
   if (silent_us > idle_us) {
     log(context_.log, LogLevel::kWarning,
@@ -460,9 +438,7 @@ void Connection::on_text(std::string_view text) {
   const auto message = control_from_text(text);
   if (!message) return refuse_text(message.error());
   (void)take_control(weight_of(*message) - 1);
-  const double work_us = work_us_of(*message);
-  charge(work_us);
-  asked_us_ += work_us;
+  charge(work_us_of(*message));
   const auto* ping = std::get_if<control::Ping>(&*message);
   if (ping != nullptr) return send(control::Pong{ping->id, ping->time_us, steady_now_us()});
   if (!std::holds_alternative<control::Pong>(*message)) on_message(*message);

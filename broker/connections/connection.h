@@ -62,9 +62,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   virtual void on_tick() {}
   /// The most bytes read at a time: the control queue must hold the answers to one read.
   virtual std::size_t read_bytes() const { return context_.read_buffer.size(); }
-  /// Whether its messages take turns with those of all others, together with HTTP, so that streams keep half of the
-  /// loop's time.
-  virtual bool takes_turns() const { return false; }
   virtual FramePtr join_of(std::uint32_t /*stream_id*/) { return nullptr; }
   virtual std::string label() const = 0;
   virtual std::string stream_name() const { return {}; }  ///< Empty: it has several.
@@ -116,7 +113,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void pay(TimeUs wait_us);
   /// Reading goes on by itself in time.
   void pause(TimeUs wait_us);
-  void wait_for_turn();
   void resume_reading();
   void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
@@ -164,7 +160,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   RateLimiter control_;
   double unpaid_us_ = 0;             ///< Of the frame that begins.
   double turn_us_ = 0;               ///< Work of this turn.
-  double asked_us_ = 0;              ///< That of messages since it waited for its turn among all.
   std::unique_ptr<Timer> pause_;     ///< While it has to wait for its turn.
   std::unique_ptr<Timer> deadline_;  ///< For closing.
   ConnectionCount counted_;
@@ -178,8 +173,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   bool ended_ = false;
   bool close_received_ = false;  ///< The peer's close frame, or an error that ends reading.
   bool greeted_ = false;         ///< The first messages are written.
-  bool waits_for_turn_ = false;
-  bool paused_ = false;  ///< Reading waits until answers are written, for pause_, or for its turn.
+  bool paused_ = false;          ///< Reading waits until answers are written, or for pause_.
 };
 
 inline void Connection::count_sent(std::int64_t frames, std::int64_t bytes) {

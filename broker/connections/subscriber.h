@@ -55,7 +55,6 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   void on_tick() override;
   /// Short requests have long answers.
   std::size_t read_bytes() const override { return 2048; }
-  bool takes_turns() const override { return true; }
   FramePtr join_of(std::uint32_t stream_id) override;
   std::string label() const override;
   void subscribe(const control::Subscribe& request);

@@ -12,8 +12,8 @@
 
 namespace eigencast::broker {
 
-/// What HTTP, TLS handshakes and viewers' messages take of an event loop's time: at most half, by estimates, so that
-/// streams keep theirs, in fair turns of holders. Belongs to its loop.
+/// What HTTP and TLS handshakes take of an event loop's time: at most half, by estimates, so that streams keep theirs,
+/// in fair turns of holders. Belongs to its loop.
 class NewcomerTime {
  public:
   explicit NewcomerTime(asio::io_context& loop) : timer_(loop.get_executor()) {}
@@ -41,7 +41,7 @@ class NewcomerTime {
   void arm();
   void serve();
 
-  std::multimap<TimeUs, Work> later_;              ///< By the time from which on they wait for their turns.
+  std::multimap<TimeUs, Work> later_;  ///< By the time from which on they wait for their turns.
   std::map<std::string, std::deque<Work>> short_;  ///< Of what they need, by holder.
   std::string supplied_;                           ///< The holder who was asked last.
   TimeUs supply_at_us_ = 0;
