@@ -135,11 +135,12 @@ class Flight {
       const Picture as_before = changes ? with_levels_as_before(renderer) : Picture{};
       levels_.choose(scene_, list_, camera_, last);
       scene_.advance(list_, now_us_);
-      draw(renderer, scene_);
+      const bool compare = settings_.compare_every > 0 && frame % settings_.compare_every == 0;
+      // A model needs pictures for what is compared alone.
+      if (!settings_.model || compare || settings_.changes_every > 0) draw(renderer, scene_);
       const TimeUs work =
           settings_.model ? machine_.work_us(scene_, camera_, settings_, all_vertices_) : steady_now_us() - start;
       const std::vector<double> lod = levels_now();
-      const bool compare = settings_.compare_every > 0 && frame % settings_.compare_every == 0;
       const Picture shown = settings_.changes_every > 0 ? shown_now(renderer) : Picture{};
       const FromFull from_full = compare ? compared_to_full(renderer) : FromFull();
       before_us_ = now_us_;
