@@ -6,13 +6,13 @@
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
-#include <deque>
 #include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "common/core/clock.h"
+#include "common/motion/clip_motion.h"
 #include "common/reconstruction/reconstruct.h"
 
 namespace eigencast {
@@ -37,32 +37,27 @@ class PastPoses {
       if (epoch_ != pose.envelope.epoch) *this = {};
       epoch_ = pose.envelope.epoch;
       way_us_ = std::min(way_us_, pose.arrival_us - pose.envelope.capture_us);
-      if (!poses_.empty() && pose.envelope.capture_us <= poses_.back().first) continue;
-      const std::span<const double> C(pose.coefficients.begin(), pose.coefficients.end());
-      poses_.emplace_back(pose.envelope.capture_us, positions_of(C, pose.channels));
-      if (poses_.size() > kMaxPoses) poses_.pop_front();
+      if (!times_us_.empty() && pose.envelope.capture_us <= times_us_.back()) continue;
+      times_us_.push_back(pose.envelope.capture_us);
+      poses_.push_back(positions_of({pose.coefficients.begin(), pose.coefficients.end()}, pose.channels));
+      if (poses_.size() <= kMaxPoses) continue;
+      times_us_.erase(times_us_.begin());
+      poses_.erase(poses_.begin());
     }
   }
   bool empty() const { return poses_.empty(); }
   TimeUs way_us() const { return way_us_; }
   std::uint32_t epoch() const { return epoch_; }
-  TimeUs newest_us() const { return poses_.back().first; }
-  /// Interpolated linearly; before the first and behind the last these. REQUIRES: !empty().
+  TimeUs newest_us() const { return times_us_.back(); }
+  /// Interpolated as a playout does it; before the first and behind the last these. REQUIRES: !empty().
   std::vector<double> at(TimeUs capture_us) const {
-    const auto after = std::upper_bound(poses_.begin(), poses_.end(), capture_us,
-                                        [](TimeUs time, const auto& pose) { return time < pose.first; });
-    if (after == poses_.begin()) return after->second;
-    const auto& [before_us, before] = *std::prev(after);
-    if (after == poses_.end()) return before;
-    const double u = static_cast<double>(capture_us - before_us) / static_cast<double>(after->first - before_us);
-    std::vector<double> C = before;
-    for (std::size_t i = 0; i < C.size(); ++i) C[i] += u * (after->second[i] - C[i]);
-    return C;
+    return ClipMotion{poses_, times_us_, 0, false}.at(capture_us, false);
   }
 
  private:
   std::uint32_t epoch_ = 0;
-  std::deque<std::pair<TimeUs, std::vector<double>>> poses_;
+  std::vector<TimeUs> times_us_;
+  std::vector<std::vector<double>> poses_;
   TimeUs way_us_ = std::numeric_limits<TimeUs>::max();  ///< From the sender's clock to ours, the shortest so far.
 };
 

@@ -402,6 +402,23 @@ TEST(Comparisons, AreOfOneCaptureTimeWhereClocksAreOne) {
   for (const float error : spheres.errors) EXPECT_NEAR(error, 1 / 8.0, 1e-6);
 }
 
+TEST(Comparisons, OfOneStreamAreZeroBetweenItsPosesToo) {
+  TwoSpheres spheres;
+  Playout playout({PlayoutMode::kInterpolate});
+  for (int f = 0; f < 8; ++f) {
+    const TimeUs at_us = 1'000'000 + f * 32'000;
+    const ReceivedPose pose = TwoSpheres::pose(spheres.first->asset_, f * f, at_us, at_us);
+    for (testing::FakeSource* source : {spheres.first, spheres.second}) source->batches.push_back({pose});
+    (void)spheres.both->poll(std::chrono::milliseconds(0));
+    playout.add({at_us, pose.coefficients}, at_us);
+    const auto shown = playout.at(at_us + 10'000);
+    ASSERT_TRUE(shown);
+    const std::span<const double> C(shown->coefficients.begin(), shown->coefficients.end());
+    ASSERT_TRUE(spheres.both->truth()->errors(C, 3, shown->time_us, spheres.positions, spheres.errors));
+    if (!shown->settling) EXPECT_EQ(spheres.both->truth()->difference()->rms, 0) << f;
+  }
+}
+
 TEST(Comparisons, AreOfOneArrivalWhereClocksDiffer) {
   TwoSpheres spheres;
   spheres.give(0, 777'000'000, 1'000);

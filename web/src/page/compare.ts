@@ -2,6 +2,7 @@
 import type { Broker, Stream } from '../client/client.js';
 import type { Profile } from '../client/profile.js';
 import type { Pose } from '../client/subscription.js';
+import { poseBetween, type TimedPose } from '../core/curve.js';
 import type { View } from '../view/view.js';
 import type { part } from './parts.js';
 
@@ -21,22 +22,20 @@ export class History {
   /** From the sender's clock to ours, the shortest so far. */
   wayUs = Infinity;
   #epoch = -1;
-  #poses: { timeUs: number; positions: Float64Array }[] = [];
+  #poses: TimedPose[] = [];
 
   add(pose: Pick<Pose, 'epoch' | 'captureUs' | 'arrivalUs' | 'coefficients' | 'channels'>): void {
     if (pose.epoch !== this.#epoch) [this.#epoch, this.#poses, this.wayUs] = [pose.epoch, [], Infinity];
     const timeUs = Number(pose.captureUs);
     this.wayUs = Math.min(this.wayUs, pose.arrivalUs - timeUs);
     if (timeUs <= (this.#poses.at(-1)?.timeUs ?? -1)) return;
-    this.#poses.push({ timeUs, positions: positionsOf(pose) });
+    this.#poses.push({ timeUs, coefficients: positionsOf(pose) });
     if (this.#poses.length > MAX_POSES) this.#poses.shift();
   }
-  /** Interpolated linearly; before the first and behind the last these. */
+  /** Interpolated as a playout does it; before the first and behind the last these. */
   at(timeUs: number): Float64Array | undefined {
-    const i = this.#poses.findIndex((pose) => pose.timeUs > timeUs), after = this.#poses[i], before = i < 0 ? this.#poses.at(-1) : this.#poses[i - 1];
-    if (!before || !after) return (before ?? after)?.positions;
-    const u = (timeUs - before.timeUs) / (after.timeUs - before.timeUs);
-    return before.positions.map((value, k) => value + u * (after.positions[k]! - value));
+    const i = this.#poses.findIndex((pose) => pose.timeUs > timeUs);
+    return i > 0 ? poseBetween(this.#poses, i - 1, timeUs) : this.#poses.at(i)?.coefficients;
   }
 }
 /** A time of the first stream, on the clock of the second one's sender. */

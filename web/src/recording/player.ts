@@ -2,6 +2,7 @@
 import { compiled, Stream } from '../client/client.js';
 import { defaults } from '../client/defaults.js';
 import { surroundings } from '../client/environment.js';
+import { poseBetween, type TimedPose } from '../core/curve.js';
 import { EigencastError } from '../core/module.js';
 import type { Playing, Shown, ShownPose } from '../core/playout.js';
 import type { ToPlayer } from './session.js';
@@ -16,11 +17,6 @@ const GAP_US = 1_000_000;
 /** A page that nobody saw goes on where it was. */
 const LONGEST_TURN_US = 250_000;
 
-interface Posed {
-  timeUs: number;
-  coefficients: Float64Array;
-}
-
 /**
  * Plays a recording's poses: which of them is shown is a matter of its position, not of when it came. Positions are
  * microseconds since the recording's start.
@@ -32,7 +28,7 @@ export class Player implements Playing {
   #speed = 1;
   #positionUs = 0;
   #clockUs: number | undefined;
-  #poses: Posed[] = [];
+  #poses: TimedPose[] = [];
   #shown: ShownPose | undefined;
   #askedUntilUs = -1;
   #readUntilUs = -1;
@@ -119,7 +115,7 @@ export class Player implements Playing {
     const i = this.#indexAt(this.#positionUs), before = poses[Math.max(i, 0)], next = poses[i + 1];
     if (!before || (i < 0 && !isRead) || (!next && !isRead)) return this.#shown;
     const wide = next && i >= 0 ? next.timeUs - before.timeUs : Infinity, u = wide < GAP_US ? (this.#positionUs - before.timeUs) / wide : 0;
-    const coefficients = u === 0 ? before.coefficients : before.coefficients.map((value, k) => value + u * (next!.coefficients[k]! - value));
+    const coefficients = u === 0 ? before.coefficients : poseBetween(poses, i, this.#positionUs);
     const shown: Shown = wide >= GAP_US ? 'held' : u === 0 ? 'live' : 'interpolated';
     return (this.#shown = { timeUs: BigInt(Math.round(wide < GAP_US ? this.#positionUs : before.timeUs)), coefficients, bands: 255, shown, settling: false });
   }

@@ -249,6 +249,9 @@ test('StreamsOfOneClockAreComparedByCaptureTimes', () => {
   assert.equal(otherTime(1_064_000, first, elsewhere), 777_064_000);
   near([...second.at(1_080_000)], [2.5, 0, 0, 0, 2.5, 0]);
   near([...elsewhere.at(otherTime(1_064_000, first, elsewhere))], [2, 0, 0, 0, 2, 0]);
+  const squares = new History();
+  for (let f = 0; f < 8; ++f) squares.add({ ...pose(f, 1e6, 1000), coefficients: Float64Array.of(f * f, 0, 0, 9) });
+  for (const f of [0.5, 2.5, 6.25]) near([squares.at(1e6 + 32_000 * f)[0]], [f * f]);
   near([second.at(0)[0], second.at(9e9)[0]], [0, 7]);
   second.add(pose(0, 5e6, 1000, 2));
   near([second.at(0)[0], second.at(9e9)[0]], [0, 0], 0);
