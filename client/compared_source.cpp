@@ -89,6 +89,7 @@ class Compared final : public PoseSource, private Truth {
   void report_late(TimeUs needed_lag_us) override { source_->report_late(needed_lag_us); }
   Truth* truth() const override { return const_cast<Compared*>(this); }
   Timeline* timeline() const override { return source_->timeline(); }
+  Rewind* rewind() override { return source_->rewind(); }
   std::span<const std::vector<double>> motion() const override { return source_->motion(); }
 
  private:

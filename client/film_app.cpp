@@ -7,6 +7,7 @@
 #include "client/apps.h"
 #include "client/clip_source.h"
 #include "client/film_writer.h"
+#include "client/hud_text.h"
 #include "client/offscreen_viewer.h"
 #include "client/patience.h"
 #include "client/scene_file.h"
@@ -130,6 +131,7 @@ class Film {
           formatted("a sender or broker went after %.1f of %.1f s: the film ends there",
                     static_cast<double>(length_us) / 1e6, wanted_seconds()));
     }
+    begins_us_ = captures.front().first_us();
     for (std::size_t i = 0; i < captures.size(); ++i) play(captured_[i], captures[i].clip(), false);
     return {};
   }
@@ -162,9 +164,10 @@ class Film {
         path_->apply(static_cast<double>(film_us_) / 1e6, camera);
       else if (options_.turntable_s > 0 && drawn_ > 0)
         camera.turn(static_cast<float>(kFullTurn / (options_.turntable_s * clock_->fps())));
-      OverlayContent legend;  // other figures are of this machine's time
-      legend.legend = session.overlay_content().legend;
-      viewer_->draw(legend);
+      OverlayContent content;  // other figures are of this machine's time
+      content.figures = {timecode_of(begins_us_ + film_us_)};
+      content.legend = session.overlay_content().legend;
+      viewer_->draw(content);
       if (const auto written = writer_->add(viewer_->picture()); !written) return written;
       session.count_written();
     }
@@ -184,7 +187,7 @@ class Film {
   std::vector<std::unique_ptr<PoseSource>> opened_;  ///< One for each stream.
   std::vector<std::size_t> captured_;                ///< Streams of brokers.
   TimeUs longest_us_ = 0;                            ///< Period of a clip.
-  TimeUs captured_us_ = 0;
+  TimeUs captured_us_ = 0, begins_us_ = 0;           ///< Of the streams; on the clock of the first one's sender.
   bool lost_ = false;
   std::optional<FilmClock> clock_;
   std::vector<PoseSource*> sources_;

@@ -45,6 +45,17 @@ class Headless {
       const auto& all = session().sources();
       const auto whole = [](const PoseSource* source) { return has_whole_surface(*source); };
       if (taken_ == 0 && waits_for_all() && !std::all_of(all.begin(), all.end(), whole)) continue;
+      std::string trouble = session().rewind().take_trouble();
+      if (!session().rewind().is_settled()) {
+        if (static_cast<double>(steady_now_us() - start) / 1e6 > options_.wait_s)
+          trouble = "the broker does not say what it keeps of it";
+        shown_ = session().scene().poses_shown();
+        if (trouble.empty()) continue;
+      }
+      if (!trouble.empty()) {
+        log(log_, LogLevel::kError, "--ago: " + trouble);
+        return kExitNoStream;
+      }
       if (session().scene().poses_shown() == shown_ && !flying()) continue;
       shown_ = session().scene().poses_shown();
       if (const Result<void> taken = take_picture(); !taken) return taken.error();

@@ -65,6 +65,15 @@ std::string timecode_of(TimeUs capture_us) {
   return formatted("%02d:%02d:%02d.%03d", ms / 3'600'000, ms / 60'000 % 60, ms / 1000 % 60, ms % 1000);
 }
 
+std::string text_from_behind(TimeUs behind_us) {
+  const TimeUs tenths = std::max<TimeUs>(0, behind_us) / 100'000;
+  const auto s = static_cast<int>(tenths / 10);
+  const std::string time = s >= 3600 ? formatted("%d:%02d:%02d", s / 3600, s / 60 % 60, s % 60)
+                           : s >= 60 ? formatted("%d:%02d", s / 60, s % 60)
+                                     : formatted("%d.%d s", s, static_cast<int>(tenths % 10));
+  return time + " behind live";
+}
+
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces) {
   if (surfaces == 0) return {};
   if (on_gpu == 0) return "rebuilt on the CPU";

@@ -46,6 +46,9 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 /// "14:03:27.512": of the day, on the sender's clock.
 std::string timecode_of(TimeUs capture_us);
 
+/// "12.3 s behind live", "3:07 behind live", "1:02:07 behind live": as the page says it.
+std::string text_from_behind(TimeUs behind_us);
+
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 
 /// "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".

@@ -14,6 +14,7 @@
 #include "client/hud_text.h"
 #include "client/raw_options.h"
 #include "client/settings.h"
+#include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 
 namespace eigencast {
@@ -167,6 +168,10 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
         {"--sync", &options.sync,
          "show the same moment as all who give this name for their group, as late as the slowest of them needs (300 ms "
          "at most); goes with --playout interpolate (default then) or estimate"},
+        {"--ago", &options.ago_s,
+         "begin so many seconds ago, where the broker keeps what it streamed and the token may see it again (rewind)",
+         Range{0.001, 1e9}},
+        {"--speed", &options.speed, "how fast --ago goes on; 0: it shows one pose", Range{0, limits::kMaxSpeed}, true},
         {"--room", &options.room,
          "be in this room of the first stream's broker: people see each other's pointers and pinned notes, and follow "
          "one who leads"},
@@ -238,7 +243,7 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
        {{"--headless", &options.headless, "no window: render into memory, no display needed"},
         {"--out", &options.out, "headless: folder for frame_0001.png ... and report.json"},
         {"--hud", &options.hud,
-         "headless: draw the figures and the colours' legend into the pictures too (of a film the legend)"},
+         "headless: draw the figures and the colours' legend into the pictures too (of a film timecode and legend)"},
         {"--wait", &options.wait_s,
          "seconds after which it gives up: of no news before the first picture, of no sender before --frames",
          Range{0, 1e7}, true},

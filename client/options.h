@@ -30,6 +30,7 @@ struct ClientOptions {
   bool follow_display = false;  ///< target_fps follows the display.
   std::string sync;             ///< Group of viewers that show the same moment; empty: none.
   std::string room, person;     ///< Empty room: none.
+  double ago_s = 0, speed = 1;  ///< Begins so long ago and goes on at that speed, 0: paused; 0 s: live.
   std::string camera_path;      ///< Empty: the user moves the camera.
   std::string view = "iso";
   Style style;

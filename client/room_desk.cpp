@@ -8,11 +8,14 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "common/wire/limits.h"
+
 namespace eigencast {
 namespace {
 
 using nlohmann::json;
 
+constexpr const char* kSeek = "seek";
 constexpr const char* kPinPrefix = "pin.";
 constexpr TimeUs kFollowUs = 150'000;  ///< In which most of a camera's way is gone.
 
@@ -141,6 +144,30 @@ bool RoomDesk::advance(Camera& camera, TimeUs now_us) {
   const glm::vec3 to_eye = eye + part * (goal_->eye - eye), to_target = target + part * (goal_->target - target);
   if (glm::length(to_eye - to_target) > 1e-6F) camera.look_from(to_eye, to_target);
   return true;
+}
+
+void RoomDesk::share(RewindDesk& rewind, std::span<PoseSource* const> sources) {
+  const auto named = std::find_if(sources.begin(), sources.end(), [](const auto* one) { return one->info(); });
+  const RewindDesk::Led led = leads() && named != sources.end() ? rewind.led() : RewindDesk::Led{};
+  std::string said = "null";
+  if (led.at_us) said = json{{"stream", (*named)->info()->stream}, {"at_us", *led.at_us}, {"speed", led.speed}}.dump();
+  if (said != said_seek_) client_->say(kSeek, said);
+  said_seek_ = std::move(said);
+  const RoomState::Member* leading = leads() ? nullptr : state_.holder_of(kLead);
+  if (leading == nullptr) heard_seek_.clear();
+  if (leading == nullptr || !follows_) return;
+  const auto wanted = leading->values.find(kSeek);
+  const std::string text = wanted == leading->values.end() ? std::string() : wanted->second;
+  if (text == std::exchange(heard_seek_, text)) return;
+  const json value = parsed(text);
+  const bool is_one = value.is_object() && value.value("at_us", json()).is_number_unsigned() &&
+                      value.value("speed", json()).is_number();
+  if (!is_one) return rewind.follow({});
+  const double speed = value["speed"].get<double>();
+  const auto at_us = value["at_us"].get<std::uint64_t>();
+  const bool is_good =
+      at_us <= static_cast<std::uint64_t>(limits::kMaxTimeUs) && speed >= 0 && speed <= limits::kMaxSpeed;
+  if (is_good) rewind.follow({static_cast<TimeUs>(at_us), speed});
 }
 
 void RoomDesk::point_at(const std::optional<SurfacePoint>& point) {

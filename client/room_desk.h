@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "client/rewind_desk.h"
 #include "client/viewer_state.h"
 #include "sdk/room.h"
 #include "view/camera.h"
@@ -42,6 +43,8 @@ class RoomDesk final {
 
   /// Once a turn: takes news, moves the camera after the one who leads, or says where it is. True: the picture changes.
   bool advance(Camera& camera, TimeUs now_us);
+  /// Says where in time the one who leads is, or goes there.
+  void share(RewindDesk& rewind, std::span<PoseSource* const> sources);
   /// The user has moved the camera: while somebody leads, it follows no more until follow(), whoever leads then.
   void stop_following() { follows_ = follows_ && (leads() || state_.holder_of(kLead) == nullptr); }
   bool follows() const { return follows_; }
@@ -94,7 +97,7 @@ class RoomDesk final {
   RoomState state_;
   std::vector<Said> points_;  ///< Of state_, parsed once.
   bool follows_ = true;
-  std::string said_camera_;
+  std::string said_camera_, said_seek_ = "null", heard_seek_;
   struct Goal {
     std::string text;
     glm::vec3 eye{0}, target{0};

@@ -33,6 +33,7 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
       colours_(options.headless ? Decode::kNow : Decode::kBackground),
       pixel_scale_(options.ui_scale > 0 ? static_cast<float>(options.ui_scale) : 1),
       started_us_(steady_now_us()) {
+  if (options.ago_s > 0) rewind_.begin(options.ago_s, options.speed);
   assert(std::all_of(options.scene.placements.begin(), options.scene.placements.end(),
                      [&](const Placement& placement) { return placement.source < sources.size(); }));
 }
@@ -126,9 +127,11 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   const bool received = poll(timeout);
   work_.start(steady_now_us());
   const TimeUs now = film_us.value_or(steady_now_us());
+  rewind_.advance(sources(), scene_, steady_now_us());
   const bool sharpens = look_still(camera, now);
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
   const bool moved = room_ && room_->advance(camera, now);
+  if (room_) room_->share(rewind_, sources());
   const bool changed = scene_.advance(sources(), now) || sharpens || moved;
   frame_scene(camera);
   connections_.refresh(now);
@@ -252,12 +255,13 @@ void Session::finish_picture(bool wait) {
   }
   ++drawn_;
   record_.shown(scene_, end);
+  if (const auto sought_us = rewind_.take_sought(sources(), scene_)) seek_us_.add(end - *sought_us);
   if (scene_.poses_shown() == drawn_pose_) return;
   drawn_pose_ = scene_.poses_shown();
   TimeUs newest = 0;
   for (const Scene::Instance& instance : scene_.instances())
     newest = std::max(newest, instance.view.shown_capture_us().value_or(0));
-  if (newest == 0) return;
+  if (newest == 0 || rewind_.past_us()) return;
   last_latency_us_ = end - newest;
   drawn_latency_us_.add(last_latency_us_);
 }
@@ -324,7 +328,8 @@ HudFigures Session::figures() const {
   if (levels_.active() || levels_.quality() != PictureQuality()) f.lowered = text_from_lowered(levels_, f);
   if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
   f.shown = text_from_shown(first.shown(), first.settling(), first.playout());
-  if (first.shown_capture_us()) f.shown += " \xC2\xB7 " + timecode_of(*first.shown_capture_us());
+  if (first.shown_capture_us())
+    f.shown += " \xC2\xB7 " + timecode_of(rewind_.past_us().value_or(*first.shown_capture_us()));
   f.mode = text_from_mode(source.info() ? source.info()->profile : options_.profile.value_or(Profile{}));
   return f;
 }
@@ -346,6 +351,9 @@ Session::Status Session::status() const {
   Status status;
   status.banner = connections_.banner(since);
   status.line = connections_.line(!status.banner.empty());
+  constexpr std::string_view kLive = "live";
+  if (rewind_.past_us() && status.line.starts_with(kLive))
+    status.line.replace(0, kLive.size(), text_from_behind(rewind_.bar()->now_us - *rewind_.past_us()));
   if (status.banner.empty()) status.banner = colours_.why_not();
   return status;
 }

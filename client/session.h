@@ -13,6 +13,7 @@
 #include "client/level_control.h"
 #include "client/meters.h"
 #include "client/options.h"
+#include "client/rewind_desk.h"
 #include "client/room_desk.h"
 #include "client/scene_colours.h"
 #include "view/camera.h"
@@ -75,6 +76,8 @@ class Session final {
   /// Null: it is in none.
   RoomDesk* room() { return room_.get(); }
   const RoomDesk* room() const { return room_.get(); }
+  RewindDesk& rewind() { return rewind_; }
+  const RewindDesk& rewind() const { return rewind_; }
   /// Pointers and pins of its room.
   std::vector<Label> labels(const Camera& camera) const;
   LevelControl& levels() { return levels_; }
@@ -112,6 +115,7 @@ class Session final {
   std::optional<RebuilderChoice::Trial> rebuild_trial_;
   LevelControl levels_;
   SceneColours colours_;
+  RewindDesk rewind_;
   std::unique_ptr<RoomDesk> room_;
   float pixel_scale_;
   History history_;
@@ -119,7 +123,7 @@ class Session final {
   bool renderer_stale_ = false;  ///< Surfaces have moved up: the GPU's buffers belong to others.
   PoseRecord record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_, frames_, recalled_;
-  Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
+  Histogram decode_us_, seek_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
   Histogram used_permille_{11}, drawn_permille_{11};  ///< Of pictures in which something was lowered: time, vertices.
   TimeUs started_us_ = 0;
   struct Received {

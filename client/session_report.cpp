@@ -185,6 +185,11 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["shown"] = {
       {"capture_us", json_from(view.shown_capture_us())},
       {"timecode", view.shown_capture_us() ? json(timecode_of(*view.shown_capture_us())) : json(nullptr)}};
+  if (seek_us_.count() > 0) report["seek_us"] = json_from(seek_us_);
+  if (rewind_.past_us()) {
+    report["shown"]["at_us"] = *rewind_.past_us();
+    report["shown"]["behind_us"] = rewind_.bar()->now_us - *rewind_.past_us();
+  }
   for (std::size_t i = 0; i < view.times_shown().size(); ++i)
     report["playout"]["shown"][std::string(kShownNames[static_cast<Shown>(i)])] = view.times_shown()[i];
   if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};

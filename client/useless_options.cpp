@@ -2,6 +2,7 @@
 #include <cstdlib>
 
 #include "client/raw_options.h"
+#include "common/wire/limits.h"
 
 namespace eigencast {
 
@@ -29,8 +30,11 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
       {{"--out", "--screenshot"}, film, "is for live pictures; --film says where its own go"},
       {{"--resolver", "--target-fps", "--playout"}, film, "is for live pictures; a film takes the time that it takes"},
       {{"--record", "--record-shown", "--room"}, film, "is for live pictures"},
-      {{"--room", "--sync"}, files_only, kOfBrokers},
-      {{"--sync"}, film, "is for live pictures"},
+      {{"--room", "--sync", "--ago"}, files_only, kOfBrokers},
+      {{"--sync", "--ago"}, film, "is for live pictures"},
+      {{"--sync"}, options.ago_s > 0, "is for what is live; --ago is not"},
+      {{"--speed"}, options.ago_s == 0, "goes with --ago; in the window keys [ and ] change it"},
+      {{"--speed"}, options.speed != 0 && options.speed * limits::kMaxSpeed < 1, "is 0, or at least a tenth"},
       {{"--smooth", "--delay"},
        !options.sync.empty(),
        "says how long poses are held, which --sync leaves to the broker"},

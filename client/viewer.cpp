@@ -107,8 +107,12 @@ class Viewer final : public WindowListener {
   /// One turn: input, poses, a picture if either changed it, then files that the user wants.
   void turn() {
     window_.poll_events(redraw_ == 0 && session_->sources().empty() && !state_.turntable ? kEmptyWaitS : 0);
+    RewindDesk& rewind = session_->rewind();
+    if (rewind.take(state_)) stop_following();
     play_clips(session_->sources(), state_, steady_now_us());
-    session_->scene().set_paused(state_.paused);
+    session_->scene().set_paused(rewind.bar() ? rewind.holds() : state_.paused);
+    session_->scene().set_playout(playout());
+    if (const std::string trouble = rewind.take_trouble(); !trouble.empty()) say(trouble, true);
     const bool poses = session_->update(redraw_ > 0 ? std::chrono::milliseconds(0) : kIdleWait, camera_);
     const TimeUs now = steady_now_us();
     point(now);
@@ -168,7 +172,6 @@ class Viewer final : public WindowListener {
     if (wanted == nullptr || (repeated && !wanted->repeats)) return;
     wanted->apply({state_, camera_, session_->scene().lod()});
     do_what_keys_wanted();  // now, before the camera to copy moves on
-    session_->scene().set_playout(state_.playout);
   }
 
   void on_move(glm::vec2 at_px) override { cursor_px_ = at_px; }
@@ -345,10 +348,22 @@ class Viewer final : public WindowListener {
     if (apart) Renderer::finish();  // so that the display's wait ends here
   }
 
-  bool has_bar() const { return state_.hud && leading_timeline(session_->sources()) != nullptr; }
+  /// What is slower than it was sent moves evenly, as clips do.
+  PlayoutSettings playout() const {
+    PlayoutSettings settings = state_.playout;
+    const bool is_slow = session_->rewind().past_us() && state_.speed < 1 && settings.mode == PlayoutMode::kLatest;
+    if (is_slow) settings.mode = PlayoutMode::kInterpolate;
+    return settings;
+  }
+  const Timeline* timeline() const { return leading_timeline(session_->sources()); }
+  bool has_bar() const { return state_.hud && (timeline() != nullptr || session_->rewind().bar()); }
 
   void draw_panels() {
-    if (has_bar()) draw_timeline(*leading_timeline(session_->sources()), state_, steady_now_us(), overlay_->scale());
+    if (has_bar() && timeline() != nullptr) {
+      draw_timeline(*timeline(), state_, steady_now_us(), overlay_->scale());
+    } else if (has_bar()) {
+      draw_past(*session_->rewind().bar(), state_, overlay_->scale());
+    }
     if (session_->scene().instances().empty()) {
       requests_ = draw_welcome(settings_.recent, to_open_, overlay_->scale());
     } else if (state_.panel) {

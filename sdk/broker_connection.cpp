@@ -106,17 +106,10 @@ void BrokerConnection::hold(const Listener& listener, std::uint32_t generation) 
   }
 }
 
-void BrokerConnection::say_prepared(const Listener& listener, const std::string& asset) {
+void BrokerConnection::say(const Listener& listener, const ControlMessage& message) {
   const std::lock_guard lock(mutex_);
   for (const Stream& stream : streams_) {
-    if (stream.listener == &listener && stream.id && open_) send(control::Prepared{stream.name(), asset});
-  }
-}
-
-void BrokerConnection::say_late(const Listener& listener, TimeUs lag_us) {
-  const std::lock_guard lock(mutex_);
-  for (const Stream& stream : streams_) {
-    if (stream.listener == &listener && stream.id && open_) send(control::Late{stream.name(), lag_us});
+    if (stream.listener == &listener && stream.id && open_) send(message);
   }
 }
 
@@ -220,6 +213,10 @@ void BrokerConnection::on_message(const control::Notice& m) {
 
 void BrokerConnection::on_message(const control::Moment& m) {
   if (const Stream* stream = find(m.stream)) stream->listener->on_moment(m);
+}
+
+void BrokerConnection::on_message(const control::History& m) {
+  if (const Stream* stream = find(m.stream)) stream->listener->on_history(m);
 }
 
 void BrokerConnection::on_message(const control::Room& m) {

@@ -48,6 +48,7 @@ class BrokerConnection final {
     virtual void on_crowded_out() = 0;
     virtual void on_clock(const ClockOffset::Estimate& clock) = 0;
     virtual void on_moment(const control::Moment& moment) = 0;
+    virtual void on_history(const control::History& history) = 0;
     /// Nothing in it: it could not be read, or belongs to another chain.
     virtual void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) = 0;
   };
@@ -78,9 +79,8 @@ class BrokerConnection final {
   void leave(const RoomListener& listener, const std::string& room);
   /// Names the generation of a memory to the broker once: what comes afterwards may need it. 0: none.
   void hold(const Listener& listener, std::uint32_t generation);
-  /// Tells the broker that the whole of the next asset is here.
-  void say_prepared(const Listener& listener, const std::string& asset);
-  void say_late(const Listener& listener, TimeUs lag_us);  ///< See control::Late.
+  /// What concerns the listener's stream; lost where the broker does not give it now.
+  void say(const Listener& listener, const ControlMessage& message);
   /// No call comes afterwards. The last user to release the connection closes it.
   void leave(const Listener& listener);
 
@@ -122,6 +122,7 @@ class BrokerConnection final {
   void on_message(const control::Bye& m);
   void on_message(const control::Room& m);
   void on_message(const control::Moment& m);
+  void on_message(const control::History& m);
   void on_tick();  ///< Acknowledges what a burst left over, asks again for declined streams, and pings.
   void acknowledge(TimeUs now);
   void subscribe(Stream& stream);

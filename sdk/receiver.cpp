@@ -76,6 +76,7 @@ void Receiver::on_open(const BrokerUrl& broker) {
   condition_.retry_at_us.reset();
   condition_.clock.reset();
   broker_lag_us_.reset();
+  kept_.reset();
   decoder_.restart();
   forget_memory();
   lock.unlock();
@@ -126,6 +127,7 @@ void Receiver::on_down(const Error& why, milliseconds wait) {
 void Receiver::on_info(const control::StreamInfo& info) {
   std::unique_lock lock(mutex_);
   decoder_.set_stream(info);
+  is_past_ = info.rewind.has_value();
   if (std::exchange(epoch_, info.epoch) != info.epoch) forget_memory();
   news_.info = info;
   news_.declined = condition_.declined = false;
@@ -196,7 +198,21 @@ void Receiver::report_late(TimeUs needed_lag_us) {
   late_said_us_ = now;
   const TimeUs offset_us = bounded_time(condition_.clock->offset_us);
   lock.unlock();
-  connection_->say_late(*this, bounded_time(needed_lag_us) + offset_us);
+  say(control::Late{name(), bounded_time(needed_lag_us) + offset_us});
+}
+
+void Receiver::on_history(const control::History& history) {
+  std::unique_lock lock(mutex_);
+  const std::uint64_t refusals = (kept_ ? kept_->refusals : 0) + (history.code.empty() ? 0 : 1);
+  const std::string trouble = history.code.empty() ? std::string() : history.message + " (" + history.code + ")";
+  kept_ = Rewind::Kept{history.now_us, steady_now_us(), history.spans, trouble, refusals};
+  lock.unlock();
+  wake_();
+}
+
+std::optional<Rewind::Kept> Receiver::kept() const {
+  const std::lock_guard lock(mutex_);
+  return kept_;
 }
 
 void Receiver::on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) {
@@ -228,7 +244,7 @@ Result<bool> Receiver::decode(const FrameView& frame, TimeUs now) {
     head.capture_us = shown_us(frame.envelope);
     head.flags = 0;
   }
-  condition_.latency_us.add(now - head.capture_us);
+  if (!is_past_) condition_.latency_us.add(now - head.capture_us);
   if (const Key* next = decoder_.take_ahead())
     pose.next = {decoder_.newest_capture_us(), next->bands, decoder_.coefficients(*next)};
   news_.poses.push_back(std::move(pose));

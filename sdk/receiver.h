@@ -57,7 +57,12 @@ class Receiver final : private BrokerConnection::Listener {
   News take();
   /// Keys may be predicted from these poses from now on, unless a memory that begins otherwise was announced meanwhile.
   void hold(const control::Remember& memory, const PoseMemory& poses);
-  void say_prepared(const std::string& asset) { connection_->say_prepared(*this, asset); }
+  void say_prepared(const std::string& asset) { say(control::Prepared{name(), asset}); }
+  // See Rewind.
+  std::optional<Rewind::Kept> kept() const;
+  void ask_kept() { say(control::History{name()}); }
+  void seek(TimeUs at_us, double speed, bool next) { say(control::Seek{name(), at_us, next, speed}); }
+  void show_present() { say(request_.subscribe); }
   /// At t on our clock the pose of t minus this is to be shown; nothing: that is not known (yet).
   std::optional<TimeUs> lag_us() const;
   /// On our clock, see control::Late; passed on four times a second at most.
@@ -76,7 +81,10 @@ class Receiver final : private BrokerConnection::Listener {
   void on_crowded_out() override;
   void on_clock(const ClockOffset::Estimate& clock) override;
   void on_moment(const control::Moment& moment) override;
+  void on_history(const control::History& history) override;
   void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) override;
+  const std::string& name() const { return request_.subscribe.stream; }
+  void say(const ControlMessage& message) { connection_->say(*this, message); }
   void forget_memory();  ///< REQUIRES: mutex_ is held.
   /// Errors: for the log. REQUIRES: mutex_ is held.
   Result<bool> decode(const FrameView& frame, TimeUs now);
@@ -89,6 +97,8 @@ class Receiver final : private BrokerConnection::Listener {
   // GUARDED_BY(mutex_):
   FrameDecoder decoder_;
   std::uint32_t epoch_ = 0;
+  bool is_past_ = false;  ///< What comes now.
+  std::optional<Rewind::Kept> kept_;
   std::vector<std::string> segments_;  ///< Of its memory, as announced.
   std::deque<control::Trace> traces_;  ///< Bounded, newest kept.
   News news_;

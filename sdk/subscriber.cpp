@@ -31,6 +31,10 @@ class BrokerSubscriber final : public Subscriber {
   std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
   std::optional<TimeUs> lag_us() const override { return receiver_.lag_us(); }
   void report_late(TimeUs needed_lag_us) override { receiver_.report_late(needed_lag_us); }
+  std::optional<Kept> kept() const override { return receiver_.kept(); }
+  void ask_kept() override { receiver_.ask_kept(); }
+  void seek(TimeUs at_us, double speed, bool next) override { receiver_.seek(at_us, speed, next); }
+  void show_present() override { receiver_.show_present(); }
 
   std::vector<ReceivedPose> poll(milliseconds timeout) override {
     {

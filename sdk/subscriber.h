@@ -50,12 +50,36 @@ struct ReceivedPose {
   std::optional<Next> next = {};              ///< Set once for each key that came ahead; as large as `coefficients`.
 };
 
+/// The past of a stream, as far as its broker keeps that and the caller may see it again (docs/protocol.md, "seek").
+/// Times are microseconds since 1970 on the broker's clock. As Subscriber, which it is a part of.
+class Rewind {
+ public:
+  struct Kept {
+    TimeUs now_us = 0;                          ///< When the broker said it,
+    TimeUs heard_us = 0;                        ///< on our steady clock.
+    std::vector<control::History::Span> spans;  ///< Ascending; of the time between them there is nothing.
+    std::string trouble;                        ///< Why the last seek was not done; empty: all is well.
+    std::uint64_t refusals = 0;                 ///< Of seeks so far.
+
+    TimeUs now_at(TimeUs steady_us) const { return now_us + steady_us - heard_us; }
+  };
+
+  virtual ~Rewind() = default;
+  /// As the broker said last; nothing: it keeps nothing, or the caller may not see it.
+  virtual std::optional<Kept> kept() const = 0;
+  virtual void ask_kept() = 0;
+  /// Shows the newest pose at that time, with `next` the first one after it, then what followed at that speed; 0: that
+  /// pose alone. Subscriber::info() says what is shown then; where it is not done refusals grow.
+  virtual void seek(TimeUs at_us, double speed, bool next = false) = 0;
+  virtual void show_present() = 0;
+};
+
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
 /// itself, and keeps what it has meanwhile. Two threads serve all Subscribers of a broker with the same credentials;
 /// what they found is handed over inside poll(), so that asset() and what poll returned need no lock. Use from one
 /// thread; different Subscribers are independent. The log is called on those threads: it must neither make nor destroy
 /// a Subscriber, nor wait for a thread that does.
-class Subscriber {
+class Subscriber : public Rewind {
  public:
   enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };
   struct Stats : FrameDecoder::Counts {
@@ -74,8 +98,6 @@ class Subscriber {
 
   /// Errors: kInvalidArgument (URL, stream name).
   static Result<std::unique_ptr<Subscriber>> create(SubscriberOptions options, LogSink log = {});
-  virtual ~Subscriber() = default;
-
   /// Waits at most `timeout` for news; poses oldest first (at most 64: older ones are dropped).
   virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
 

@@ -52,6 +52,8 @@ class PoseSource {
   /// Of a clip, which is played as this says, and whose poses come exactly when they are to be shown: nothing is held
   /// back or estimated. Null: of a stream. Owned by the source, valid until the next poll().
   virtual Timeline* timeline() const { return nullptr; }
+  /// Of a stream that may have a past. Null: of a clip. Owned by the source.
+  virtual Rewind* rewind() { return nullptr; }
   /// All poses, each r x c row-major, where they are known before they are shown.
   virtual std::span<const std::vector<double>> motion() const { return {}; }
 };

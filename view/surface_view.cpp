@@ -113,7 +113,7 @@ void SurfaceView::follow_epoch(const PoseSource& source) {
     epoch_ = source.epoch();
     asset_id_ = id;
     if (goes_on && change_over(*change, *asset)) return;
-    reconstructor_ = std::make_shared<Reconstructor>();
+    if (!same) reconstructor_ = std::make_shared<Reconstructor>();
     playout_.reset();
     shown_time_.reset();
     if (!same) show_rest(*asset);

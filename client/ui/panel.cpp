@@ -4,7 +4,10 @@
 #include <imgui.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 
+#include "client/hud_text.h"
 #include "common/core/text.h"
 
 namespace eigencast {
@@ -114,7 +117,6 @@ void draw_style(Session& session, Style& style) {
 
 void draw_motion(Session& session, ViewerState& state) {
   constexpr std::array<const char*, 3> kModes{"as poses come", "interpolated here", "estimated here"};
-  const PlayoutSettings before = state.playout;
   int mode = static_cast<int>(state.playout.mode);
   ImGui::SetNextItemWidth(-1);
   if (ImGui::Combo("##mode", &mode, kModes.data(), kModes.size())) {
@@ -140,8 +142,6 @@ void draw_motion(Session& session, ViewerState& state) {
       ImGui::TextDisabled("%.0f ms held back", static_cast<double>(playout.delay_us()) / 1000);
     }
   }
-  if (before.mode != state.playout.mode || before.smoothness != state.playout.smoothness)
-    session.scene().set_playout(state.playout);
 }
 
 void draw_detail(Session& session) {
@@ -213,6 +213,28 @@ constexpr std::array<Demo, 3> kDemos{{{"A beating heart", "7,292 vertices", "hea
                                       {"A bar that bends and twists", "32,802 vertices", "bar:both"},
                                       {"A wave round a torus", "10,240 vertices", "torus"}}};
 
+/// With its first button.
+void begin_bar(ViewerState& state, float scale) {
+  const ImVec2 screen = ImGui::GetIO().DisplaySize;
+  const float gap = 12 * scale, width = std::min(520 * scale, 0.45F * screen.x);
+  ImGui::SetNextWindowPos({0.5F * screen.x, screen.y - gap}, ImGuiCond_Always, {0.5F, 1});
+  ImGui::SetNextWindowSize({width, 0}, ImGuiCond_Always);
+  ImGui::SetNextWindowBgAlpha(0.62F);
+  ImGui::Begin("timeline", nullptr,
+               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove | ImGuiWindowFlags_NoSavedSettings |
+                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
+  if (ImGui::Button(state.paused ? "play" : "pause", {48 * scale, 0})) state.paused = !state.paused;
+  ImGui::SameLine();
+}
+
+/// Between marks of so long a past: a dozen at most.
+TimeUs mark_interval_us(TimeUs length_us) {
+  constexpr std::array<TimeUs, 6> kSeconds{1, 5, 30, 60, 300, 600};
+  const auto few = [&](TimeUs seconds) { return length_us <= 12 * seconds * 1'000'000; };
+  const auto found = std::find_if(kSeconds.begin(), kSeconds.end(), few);
+  return (found == kSeconds.end() ? 3600 : *found) * 1'000'000;
+}
+
 }  // namespace
 
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale) {
@@ -237,17 +259,47 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
   return requests;
 }
 
-void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, float scale) {
-  const ImVec2 screen = ImGui::GetIO().DisplaySize;
-  const float gap = 12 * scale, width = std::min(520 * scale, 0.45F * screen.x);
-  ImGui::SetNextWindowPos({0.5F * screen.x, screen.y - gap}, ImGuiCond_Always, {0.5F, 1});
-  ImGui::SetNextWindowSize({width, 0}, ImGuiCond_Always);
-  ImGui::SetNextWindowBgAlpha(0.62F);
-  ImGui::Begin("timeline", nullptr,
-               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove | ImGuiWindowFlags_NoSavedSettings |
-                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
-  if (ImGui::Button(state.paused ? "play" : "pause", {48 * scale, 0})) state.paused = !state.paused;
+void draw_past(const RewindDesk::Bar& bar, ViewerState& state, float scale) {
+  begin_bar(state, scale);
+  const float gap = 12 * scale, height = ImGui::GetFrameHeight();
+  const float after = ImGui::CalcTextSize("x0.25").x + 48 * scale + 3 * gap / 2;
+  const float width = std::max(4 * gap, ImGui::GetContentRegionAvail().x - after);
+  const ImVec2 at = ImGui::GetCursorScreenPos();
+  const TimeUs from_us = bar.spans.front().from_us, length_us = std::max<TimeUs>(bar.now_us - from_us, 1);
+  const auto x_of = [&](TimeUs time_us) {
+    const double part = static_cast<double>(time_us - from_us) / static_cast<double>(length_us);
+    return at.x + width * static_cast<float>(std::clamp(part, 0.0, 1.0));
+  };
+  ImGui::InvisibleButton("##past", {width, height});
+  const float part = std::clamp((ImGui::GetIO().MousePos.x - at.x) / width, 0.0F, 1.0F);
+  const TimeUs there_us = from_us + std::llround(static_cast<double>(part) * static_cast<double>(length_us));
+  const bool is_new = ImGui::IsItemActivated() || ImGui::GetIO().MouseDelta.x != 0;
+  if (ImGui::IsItemActive() && is_new) state.seek_us = there_us;
+  if (ImGui::IsItemHovered() || ImGui::IsItemActive())
+    ImGui::SetTooltip("%s", (text_from_behind(bar.now_us - there_us) + ", " + timecode_of(there_us)).c_str());
+  ImDrawList& lines = *ImGui::GetWindowDrawList();
+  const float top = at.y + 0.3F * height, bottom = at.y + 0.7F * height;
+  lines.AddRectFilled({at.x, top}, {at.x + width, bottom}, ImGui::GetColorU32(ImGuiCol_FrameBg), 3 * scale);
+  for (const auto& [begin_us, end_us] : bar.spans)
+    lines.AddRectFilled({x_of(begin_us), top}, {std::max(x_of(end_us), x_of(begin_us) + 1), bottom},
+                        ImGui::GetColorU32(ImGuiCol_SliderGrab, 0.55F));
+  const TimeUs every_us = mark_interval_us(length_us);
+  for (TimeUs mark_us = bar.now_us - every_us; mark_us > from_us; mark_us -= every_us)
+    lines.AddLine({x_of(mark_us), bottom}, {x_of(mark_us), at.y + height}, ImGui::GetColorU32(ImGuiCol_TextDisabled));
+  const float x = x_of(bar.at_us), half = 3 * scale;
+  lines.AddRectFilled({x - half, at.y}, {x + half, at.y + height}, ImGui::GetColorU32(ImGuiCol_SliderGrabActive), half);
   ImGui::SameLine();
+  ImGui::BeginDisabled(!bar.is_past);
+  if (ImGui::Button("live", {48 * scale, 0})) state.live_wanted = true;
+  ImGui::EndDisabled();
+  ImGui::SameLine();
+  ImGui::TextUnformatted(state.speed == 1 ? "" : formatted("x%.3g", state.speed).c_str());
+  ImGui::End();
+}
+
+void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, float scale) {
+  begin_bar(state, scale);
+  const float gap = 12 * scale;
   const std::string rate = state.speed == 1 ? std::string() : formatted("x%.3g", state.speed);
   const float after =
       ImGui::CalcTextSize("x0.5").x + ImGui::CalcTextSize("loop").x + ImGui::GetFrameHeight() + 5 * gap / 2;

@@ -31,6 +31,9 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
 /// REQUIRES: as draw_panel.
 void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, float scale);
 
+/// Likewise where streams have a past: what is kept of it, gaps, where it is shown, and the live edge.
+void draw_past(const RewindDesk::Bar& bar, ViewerState& state, float scale);
+
 /// For an empty viewer. REQUIRES: as draw_panel.
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
 
