@@ -128,6 +128,7 @@ void Receiver::on_info(const control::StreamInfo& info) {
   std::unique_lock lock(mutex_);
   decoder_.set_stream(info);
   is_past_ = info.rewind.has_value();
+  if (is_past_) broker_lag_us_.reset();  // It is in step with nobody.
   if (std::exchange(epoch_, info.epoch) != info.epoch) forget_memory();
   news_.info = info;
   news_.declined = condition_.declined = false;

@@ -27,6 +27,7 @@ export { tileWidth } from './page/list_page.js';
 export { History, otherTime, positionsOf } from './page/compare.js';
 export { checkedGroup, inStep } from './page/sync.js';
 export { linkOf, pageOf, placeOf } from './page/place.js';
+export { markUs, Rewinder, textFromBehind } from './page/past.js';
 export { nameFrom, pointFrom, RoomState } from './page/room.js';
 export { bannerOf } from './page/words.js';
 export { figureLines, textFromMode, timecodeOf } from './page/figures.js';

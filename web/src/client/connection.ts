@@ -232,7 +232,7 @@ export class BrokerConnection {
   }
 
   #onText(text: string): void {
-    if (/"(room":|op":"moment)"/.test(text)) return this.onText(text);  // As a key: in texts quotes are escaped.
+    if (/"(room":|op":"(moment|history))"/.test(text)) return this.onText(text);  // As a key: in texts quotes are escaped.
     let message: Message | undefined;
     try {
       message = readControl(text);

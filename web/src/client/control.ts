@@ -198,6 +198,7 @@ function streamOf(fields: Fields): Message {
     info.format = formatOf(fields.object('format'));
     info.key_rate_hz = fields.number('key_rate_hz', 0, 10_000, 0);
   }
+  if (fields.has('rewind')) info.rewind = fields.json['rewind'] as NonNullable<StreamInfo['rewind']>;
   if (fields.has('world')) {
     const world = fields.array('world', 16, 16);
     if (!world.every((value) => typeof value === 'number' || typeof value === 'bigint')) fields.wrong('world', 'must hold 16 numbers');

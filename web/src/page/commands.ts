@@ -50,7 +50,7 @@ function nextPlayout({ view, say }: Desk): void {
 }
 
 /** The native client's keys (client/viewer_state.cpp), as far as the page has what they do; its others are free there. */
-export const COMMANDS: readonly Command[] = [
+export const COMMANDS: Command[] = [
   {
     keys: [' '], does: 'pause', icon: 'M8 5v14M16 5v14', isOn: ({ view }) => view.live.isPaused,
     apply: ({ view }) => (view.live.isPaused = !view.live.isPaused),

@@ -5,12 +5,13 @@ import type { Pixel } from '../view/camera.js';
 import { pick } from '../view/pick.js';
 import type { View } from '../view/view.js';
 import type { part as makePart } from './parts.js';
+import type { Rewinder } from './past.js';
 import type { Place } from './place.js';
 
 // A room (protocol.md, section 3): who is here, a camera to follow, pointers and pinned notes on the surface. As
 // sdk/room.cpp and client/room_desk.cpp.
 
-const SAY_MS = 100, ASK_AGAIN_MS = 5000, FOLLOW_MS = 150, MAX_NOTE = 500, MAX_NAME = 64, FAR = 1e12, KEPT = 'eigencast name';
+const SAY_MS = 100, MAX_SPEED = 10, ASK_AGAIN_MS = 5000, FOLLOW_MS = 150, MAX_NOTE = 500, MAX_NAME = 64, FAR = 1e12, KEPT = 'eigencast name';
 const COLOURS = ['#e69f00', '#56b4e9', '#009e73', '#f0e442', '#0072b2', '#d55e00', '#cc79a7', '#ff6b8b'];
 const STYLE = `
 .room { position: absolute; left: 12px; top: 64px; width: 220px; max-height: 60%; overflow: auto; padding: 10px 12px; border-radius: 12px; background: var(--card); font-size: 14px; }
@@ -144,9 +145,11 @@ export class RoomDesk {
   #eye = '';
   #turnedMs = 0;
   #enteredMs = 0;
+  readonly #past: Rewinder;
+  #heardSeek = '';
 
-  constructor(place: Place, broker: RoomWay, stream: Stream, view: View, main: HTMLElement, part: typeof makePart) {
-    [this.#place, this.#broker, this.#stream, this.#view, this.#main, this.#part] = [place, broker, stream, view, main, part];
+  constructor(place: Place, broker: RoomWay, stream: Stream, view: View, main: HTMLElement, part: typeof makePart, past: Rewinder) {
+    [this.#place, this.#broker, this.#stream, this.#view, this.#main, this.#part, this.#past] = [place, broker, stream, view, main, part, past];
     this.#name = nameFrom(place.person) || nameFrom(kept()) || `guest ${Math.floor(100 + 900 * Math.random())}`;
     keep(this.#name);
     this.#note = part('input', { placeholder: 'a note; T pins it here', maxlength: String(MAX_NOTE), 'aria-label': 'Note' });
@@ -213,8 +216,17 @@ export class RoomDesk {
       console.warn(`eigencast: room: ${(error as Error).message}`);
     }
     this.#leader = this.state.floors.get('lead') ?? 0;
+    this.#followInTime();
     this.#placeMarks();
     this.#refresh();
+  }
+  #followInTime(): void {
+    const { leader, self } = this.state, value = leader?.values.get('seek'), text = JSON.stringify(value) ?? '';
+    if (!leader || this.#leader === self) this.#heardSeek = '';
+    if (!leader || this.#leader === self || !this.follows || text === this.#heardSeek) return;
+    this.#heardSeek = text;
+    const { at_us, speed } = Object(value) as Json;
+    this.#past.follow(typeof at_us === 'number' && typeof speed === 'number' && at_us >= 0 && speed >= 0 && speed <= MAX_SPEED ? { atUs: at_us, speed } : undefined);
   }
   #tell(key: string, value: unknown, keep = false): void {
     const text = JSON.stringify(value), said = this.#said.get(key);
@@ -228,8 +240,9 @@ export class RoomDesk {
     }
     if (!state.speaks) return;
     const { camera } = this.#view, isLeading = this.#leader === state.self;
-    if (isLeading) this.#tell('camera', { eye: camera.position, target: camera.target });
-    else this.#tell('camera', null);
+    const { led } = this.#past;
+    this.#tell('camera', isLeading ? { eye: camera.position, target: camera.target } : null);
+    this.#tell('seek', isLeading && led ? { stream: this.#place.stream, at_us: led.atUs, speed: led.speed } : null);
     this.#point();
     for (const keep of [false, true]) {
       const values: Record<string, unknown> = {};

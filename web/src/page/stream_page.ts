@@ -22,7 +22,7 @@ export class StreamPage implements Desk {
   hasLegend = true;
   readonly #place: Place;
   readonly #broker: Pick<Broker, 'retryNow'>;
-  readonly #commands: readonly Command[];
+  readonly #commands: Command[];
   readonly #stream: Stream;
   readonly #stage: Stage;
   #hud: Hud | undefined;
@@ -68,7 +68,7 @@ export class StreamPage implements Desk {
     document.addEventListener('keydown', (event) => this.#onKey(event));
     this.#onFirstSurface();
     this.#onStatus();
-    if (place.room !== '' && broker.sendText) void import('./room.js').then(({ RoomDesk }) => new RoomDesk(place, broker as RoomWay, stream, this.view, this.#main, part));
+    if (broker.sendText) void import('./past.js').then(({ showPast }) => showPast(this, this.#commands, place, broker as RoomWay, stream, this.#main, part, icon));
     if (stream.error) fail(stream.error);
     this.#refreshButtons();
     const turn = (nowMs: number): void => {

@@ -14,7 +14,7 @@ export function checkedGroup(group: string): string {
 }
 
 /** `playout`, kept to the moment of the stream's group; the broker hears how late this viewer needs it. */
-export function inStep(playout: Playout, broker: Pick<Broker, 'onText' | 'sendText'>, stream: Pick<Stream, 'name' | 'status'>): Playing {
+export function inStep(playout: Playout, broker: Pick<Broker, 'onText' | 'sendText'>, stream: Pick<Stream, 'name' | 'status'> & Partial<Pick<Stream, 'info'>>): Playing {
   /** On the broker's clock. */
   let lagUs: number | undefined, saidMs = -Infinity;
   const hear = (text: string): void => {
@@ -31,7 +31,7 @@ export function inStep(playout: Playout, broker: Pick<Broker, 'onText' | 'sendTe
   const at = playout.at.bind(playout), free = playout.free.bind(playout);
   return Object.assign(playout, {
     at(nowUs: bigint) {
-      const clock = stream.status?.clock, nowMs = performance.now();
+      const clock = stream.info?.rewind ? undefined : stream.status?.clock, nowMs = performance.now();
       const needed = playout.keepLag(lagUs === undefined || !clock ? UNKNOWN : BigInt(lagUs - clock.offsetUs));
       if (clock && needed !== UNKNOWN && nowMs - saidMs > SAY_MS) {
         saidMs = nowMs;

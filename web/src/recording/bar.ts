@@ -1,25 +1,34 @@
 // SPDX-License-Identifier: MIT
 import type { Command } from '../page/commands.js';
-import { icon, part } from '../page/parts.js';
-import { SPEEDS, type Player } from './player.js';
+import type { icon as Icon, part as Part } from '../page/parts.js';
 
+/** What is played: a recording, or what a broker keeps of a stream. Positions are microseconds since its start. */
+export interface Played {
+  readonly positionUs: number;
+  readonly durationUs: number;
+  isPlaying: boolean;
+  speed: number;
+  seek(timeUs: number): void;
+  step(by: 1 | -1): void;
+  /** Where it is, for people, instead of the position. */
+  readonly says?: string;
+}
+
+export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 10];
 const SAID_MS = 100, STEP_S = 0.01;
 const PLAY = 'M8 5l11 7-11 7z', PAUSE = 'M8 5v14M16 5v14';
 
-const faster = (player: Player, by: 1 | -1): void => {
-  player.speed = SPEEDS[Math.min(Math.max(SPEEDS.indexOf(player.speed) + by, 0), SPEEDS.length - 1)]!;
-};
+const faster = (player: Played): number => SPEEDS.find((speed) => speed > player.speed) ?? player.speed;
+const slower = (player: Played): number => SPEEDS.filter((speed) => speed < player.speed).at(-1) ?? player.speed;
 
-/** The native client's keys of files. */
-export function playerCommands(player: Player): Command[] {
+/** The native client's keys. */
+export function playerCommands(player: Played): Command[] {
   return [
     { keys: [' '], does: 'play, pause', apply: () => (player.isPlaying = !player.isPlaying), state: () => (player.isPlaying ? 'plays' : 'pauses') },
-    { keys: ['End'], does: 'to the last pose', apply: () => ((player.isPlaying = false), player.seek(player.durationUs)) },
     { keys: [','], does: 'one pose back', apply: () => player.step(-1) },
     { keys: ['.'], does: 'one pose on', apply: () => player.step(1) },
-    { keys: ['['], does: 'slower', apply: () => faster(player, -1), state: () => `${player.speed} times` },
-    { keys: [']'], does: 'faster', apply: () => faster(player, 1) },
-    { keys: ['L'], does: 'again and again', apply: () => (player.isLooping = !player.isLooping), isOn: () => player.isLooping },
+    { keys: ['['], does: 'slower', apply: () => (player.speed = slower(player)), state: () => `${player.speed} times` },
+    { keys: [']'], does: 'faster', apply: () => (player.speed = faster(player)) },
   ];
 }
 
@@ -30,11 +39,10 @@ export function textFromUs(us: number): string {
   return `${hours > 0 ? `${hours}:${two(minutes)}` : minutes}:${two(seconds % 60)}.${tenths % 10}`;
 }
 
-/** A button that plays and pauses, the position, which can be dragged, and how fast it goes. */
-export function barOf(player: Player): HTMLElement {
-  const seconds = player.durationUs / 1e6, length = textFromUs(player.durationUs);
+/** A button that plays and pauses, the position, which can be dragged, and how fast it goes; inside: more, in that order. */
+export function barOf(player: Played, part: typeof Part, icon: typeof Icon, ...more: HTMLElement[]): HTMLElement {
   const play = part('button', { class: 'button', type: 'button', onclick: () => (player.isPlaying = !player.isPlaying, refresh()) });
-  const position = part('input', { type: 'range', min: '0', max: String(seconds), step: String(STEP_S), 'aria-label': 'Position' });
+  const position = part('input', { type: 'range', min: '0', step: String(STEP_S), 'aria-label': 'Position' });
   const time = part('span', { class: 'time' });
   const speed = part('button', { class: 'button', type: 'button', title: 'Speed', onclick: () => {
     player.speed = SPEEDS[(SPEEDS.indexOf(player.speed) + 1) % SPEEDS.length]!;
@@ -45,19 +53,21 @@ export function barOf(player: Player): HTMLElement {
   // The bar is where it is dragged to, not where the player is meanwhile.
   position.addEventListener('pointerdown', () => (isHeld = true));
   for (const name of ['pointerup', 'pointercancel', 'change']) position.addEventListener(name, () => (isHeld = false));
+  position.addEventListener('pointerup', () => position.blur());  // Keys are the page's again.
   function refresh(): void {
     if (player.isPlaying !== isPlaying) {
       isPlaying = player.isPlaying;
       play.replaceChildren(icon(isPlaying ? PAUSE : PLAY));
       play.setAttribute('aria-label', isPlaying ? 'Pause' : 'Play');
     }
-    const text = textFromUs(player.positionUs);
+    const text = player.says ?? `${textFromUs(player.positionUs)} / ${textFromUs(player.durationUs)}`;
+    position.max = String(player.durationUs / 1e6);
     if (!isHeld) position.value = String(player.positionUs / 1e6);
     position.setAttribute('aria-valuetext', text);
-    time.textContent = `${text} / ${length}`;
+    time.textContent = text;
     speed.textContent = `${player.speed}\u00d7`;
   }
   setInterval(refresh, SAID_MS);
   refresh();
-  return part('div', { class: 'timeline', role: 'group', 'aria-label': 'Timeline' }, play, position, time, speed);
+  return part('div', { class: 'timeline', role: 'group', 'aria-label': 'Timeline' }, play, part('div', { class: 'track' }, position), time, speed, ...more);
 }

@@ -7,8 +7,8 @@ import core from 'inline:eigencast-core.wasm';
 import levels from 'inline:eigencast-levels.wasm';
 import worker from 'inline:player.js';
 import { defaults } from '../client/defaults.js';
-import { COMMANDS } from '../page/commands.js';
-import { part } from '../page/parts.js';
+import { COMMANDS, type Command } from '../page/commands.js';
+import { icon, part } from '../page/parts.js';
 import { placeOf } from '../page/place.js';
 import { StreamPage } from '../page/stream_page.js';
 import { Stage } from '../view/stage.js';
@@ -33,9 +33,14 @@ async function play(what: Blob | string): Promise<void> {
   const { stream, player, module } = await openRecording(what), stage = await Stage.make(module);
   const address = new URL(location.href), folder = address.href.replace(/[^/]*([?#].*)?$/, '');
   const place = { ...placeOf(address, `${folder}v1/web/`), base: folder.slice(0, -1), stream: address.pathname.split('/').at(-1)!, token: '' };
-  const free = new Set(['M', ...playerCommands(player).flatMap(({ keys }) => keys)]);
-  new StreamPage(place, { retryNow: () => {} }, stage, stream, [...playerCommands(player), ...COMMANDS.filter(({ keys }) => !free.has(keys[0]!))]);
-  document.querySelector('.viewer')!.append(barOf(player));
+  const keys: Command[] = [
+    ...playerCommands(player),
+    { keys: ['End'], does: 'to the last pose', apply: () => ((player.isPlaying = false), player.seek(player.durationUs)) },
+    { keys: ['L'], does: 'again and again', apply: () => (player.isLooping = !player.isLooping), isOn: () => player.isLooping },
+  ];
+  const free = new Set(['M', ...keys.flatMap((command) => command.keys)]);
+  new StreamPage(place, { retryNow: () => {} }, stage, stream, [...keys, ...COMMANDS.filter((command) => !free.has(command.keys[0]!))]);
+  document.querySelector('.viewer')!.append(barOf(player, part, icon));
 }
 
 function fail(error: Error): void {

@@ -8,8 +8,6 @@ import type { Playing, Shown, ShownPose } from '../core/playout.js';
 import type { ToPlayer } from './session.js';
 import type { FromPlayer } from './worker.js';
 
-export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 10];
-
 /** So much is read ahead, at normal speed, and kept behind. */
 const AHEAD_US = 2_000_000, BEHIND_US = 3_000_000;
 /** Between poses further apart nothing is interpolated. */

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// figures.mjs [WHAT...]: the figures of docs/performance/web.md that take a browser (first, link, horses, hidden, phone, wall, firefox, recording: all of them). The horse
+// figures.mjs [WHAT...]: the figures of docs/performance/web.md that take a browser (first, link, horses, hidden, phone, wall, firefox, recording, past: all of them). The horse
 // gallops from EIGENCAST_DATA_DIR; EIGENCAST_BIN, EIGENCAST_WEB_BUILD; LOADS: of a page, each with a profile of its own (20).
 import { spawnSync } from 'node:child_process';
 import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
@@ -13,7 +13,7 @@ import { startChromium } from './chromium.mjs';
 import { startFirefox } from './firefox.mjs';
 import { PRINT, hasState } from './looks.mjs';
 
-const wanted = process.argv.length > 2 ? process.argv.slice(2) : ['first', 'link', 'horses', 'hidden', 'phone', 'wall', 'firefox', 'recording'];
+const wanted = process.argv.length > 2 ? process.argv.slice(2) : ['first', 'link', 'horses', 'hidden', 'phone', 'wall', 'firefox', 'recording', 'past'];
 const LOADS = Number(process.env.LOADS ?? 20), SWIFTSHADER = ['--use-angle=swiftshader', '--enable-unsafe-swiftshader'];
 const HORSE = join(process.env.EIGENCAST_DATA_DIR ?? '', 'animations/horse-gallop');
 const part = (values, of) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(of * values.length))];
@@ -78,6 +78,19 @@ async function mainThread(tab, seconds) {
   const turns = await tab.evaluate(`new Promise((resolve) => { let n = 0; const end = performance.now() + ${1000 * seconds}; const next = () => { ++n; if (performance.now() > end) resolve(n); else requestAnimationFrame(next); }; requestAnimationFrame(next); })`);
   return `${((1000 * (await spent() - before)) / turns).toFixed(2)} ms of scripts a turn of the display, ${(turns / seconds).toFixed(0)} turns/s`;
 }
+
+/** Of 200 places of a timeline: milliseconds until another picture is there. */
+const seeks = (tab) => tab.evaluate(`(async () => {
+  const bar = document.querySelector('.timeline input'), all = [];
+  for (let i = 0; i < 200; ++i) {
+    const before = ${PRINT}, from = performance.now();
+    bar.value = (Number(bar.max) * ((7919 * i) % 200)) / 200;
+    bar.dispatchEvent(new Event('input'));
+    while (${PRINT} === before && performance.now() - from < 3000) await new Promise((resolve) => setTimeout(resolve, 1));
+    all.push(performance.now() - from);
+  }
+  return all;
+})()`);
 
 const programs = new Programs();
 const FIGURES = {
@@ -193,19 +206,22 @@ const FIGURES = {
     const opened = Date.now() - begun;
     await tab.evaluate("document.querySelector('.timeline button').click()");
     await sleep(500);
-    const sought = await tab.evaluate(`(async () => {
-      const bar = document.querySelector('.timeline input'), all = [];
-      for (let i = 0; i < 200; ++i) {
-        const before = ${PRINT}, from = performance.now();
-        bar.value = (Number(bar.max) * ((7919 * i) % 200)) / 200;
-        bar.dispatchEvent(new Event('input'));
-        while (${PRINT} === before && performance.now() - from < 3000) await new Promise((resolve) => setTimeout(resolve, 1));
-        all.push(performance.now() - from);
-      }
-      return all;
-    })()`);
+    const sought = await seeks(tab);
     console.log(`an hour of the horse: ${(statSync(page).size / 1e6).toFixed(1)} MB (recording ${(statSync(hour).size / 1e6).toFixed(1)}), plays after ${opened} ms; 200 positions: ${said(sought)}`);
     await chromium.stop();
+  },
+  /** What a broker keeps of the last minute. */
+  async past() {
+    const broker = await programs.broker(0, '--history-streams=**'), chromium = await startChromium(), tab = await chromium.tab();
+    programs.sender(broker, 'lab/horse', HORSE);
+    await tab.size(320, 200);
+    await tab.open(`http://127.0.0.1:${broker.port}/lab/horse`);
+    await tab.until("Number(document.querySelector('.timeline input')?.max) > 60", 300_000);
+    await tab.evaluate("document.querySelector('.timeline button').click()");
+    await sleep(500);
+    console.log(`the last minute of the horse: 200 positions: ${said(await seeks(tab))}`);
+    await chromium.stop();
+    await broker.stop();
   },
   async wall() {
     for (const motion of ['heart', HORSE])

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: MIT
+//
+// What a broker keeps of a stream, in Chromium: a real broker and real senders (EIGENCAST_BIN).
+import assert from 'node:assert/strict';
+import { writeFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import { Programs } from '../system/programs.mjs';
+import { CHROMIUM, startChromium } from './chromium.mjs';
+import { CLAY, hasState } from './looks.mjs';
+
+if (!CHROMIUM) {
+  console.log('no Chromium: deploy/install-packages.sh full');
+  process.exit(77);
+}
+
+const PICTURES = process.env.EIGENCAST_PICTURES, LIMIT_MS = 150_000;
+const programs = new Programs();
+let chromium;
+before(async () => (chromium = await startChromium()));
+after(async () => {
+  await chromium?.stop();
+  programs.stop();
+});
+
+const ring = (stretch) => {
+  const pose = [];
+  for (let i = 0; i < 48; ++i) {
+    for (let k = 0; k < 20; ++k) {
+      const u = (2 * Math.PI * i) / 48, v = (2 * Math.PI * k) / 20, out = 1 + (0.35 + 0.08 * Math.sin(3 * u)) * Math.cos(v);
+      pose.push(stretch * out * Math.cos(u), (0.35 + 0.08 * Math.sin(3 * u)) * Math.sin(v), out * Math.sin(u));
+    }
+  }
+  return Buffer.from(Float32Array.from(pose).buffer);
+};
+const SAYS = "document.querySelector('.state.behind')?.textContent ?? ''", BAR = "document.querySelector('.timeline input')";
+const isLive = `${hasState('live')} && ${CLAY} > 100`;
+/** The part of the picture that the surface covers, whatever its resolution. */
+const AREA = `(${CLAY} / (document.querySelector('canvas').width * document.querySelector('canvas').height))`;
+const isNear = (area) => `Math.abs(${AREA} - ${area}) < ${0.03 * area}`;
+/** To a moment by the clock of this machine, the broker's: milliseconds. */
+const seek = (tab, atMs) => tab.evaluate(`(() => { const bar = ${BAR}; bar.value = Number(bar.max) - (Date.now() - ${atMs}) / 1000; bar.dispatchEvent(new Event('input')); })()`);
+const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+async function onPage(url, use) {
+  const tab = await chromium.tab();
+  try {
+    await tab.size(640, 400);
+    await tab.open(url);
+    await use(tab);
+    assert.deepEqual(tab.console, []);
+  } finally {
+    await tab.close();
+  }
+}
+/** Once it stays the same. */
+async function settledArea(tab) {
+  for (let last = 0, times = 0; ; await wait(300)) {
+    const now = await tab.evaluate(AREA);
+    times = Math.abs(now - last) < 0.01 * now ? times + 1 : 0;
+    last = now;
+    if (times === 5) return now;
+  }
+}
+
+test('ASeekShowsThePictureOfThatTime', async () => {
+  const broker = await programs.broker(0, '--history-streams=**'), sender = programs.ring(broker, 'lab/ring', undefined, false);
+  const url = `http://127.0.0.1:${broker.port}/lab/ring`;
+  let pose = ring(1);
+  const feeding = setInterval(() => sender.stdin.write(pose), 100);
+  feeding.unref();
+  await onPage(url, async (tab) => {
+    await tab.until(`${isLive} && ${BAR} !== null`, LIMIT_MS);
+    const first = await settledArea(tab);
+    await wait(2000);
+    const changedMs = Date.now();
+    pose = ring(1.6);
+    await tab.until(`${AREA} > ${1.1 * first}`, LIMIT_MS);
+    const second = await settledArea(tab);
+    await tab.evaluate("document.querySelector('.timeline button').click()");  // It halts, so that the past stands still.
+    await tab.until("document.querySelector('.timeline button').getAttribute('aria-label') === 'Play'");
+    await seek(tab, changedMs - 1000);
+    await tab.until(isNear(first), LIMIT_MS);
+    assert.match(await tab.evaluate(SAYS), /^[\d:.]+( s)? behind live$/);
+    if (PICTURES) writeFileSync(join(PICTURES, 'past.png'), await tab.screenshot());
+    await onPage(url, (other) => other.until(`${isLive} && ${isNear(second)}`, LIMIT_MS));
+    assert.ok(await tab.evaluate(isNear(first)), 'nobody else is live for it');
+    await tab.key('End');
+    await tab.until(`${isNear(second)} && ${SAYS} === ''`, LIMIT_MS);
+  });
+  clearInterval(feeding);
+  await broker.stop();
+});
+
+test('PosesAreSteppedAndPlayedByKeys', async () => {
+  const broker = await programs.broker(0, '--history-streams=**');
+  programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
+  await onPage(`http://127.0.0.1:${broker.port}/lab/heart`, async (tab) => {
+    await tab.until(`${isLive} && Number(${BAR}?.max) > 5`, LIMIT_MS);
+    const position = `Number(${BAR}.value)`;
+    await tab.key(',');
+    await tab.until(`${SAYS} !== ''`, LIMIT_MS);
+    // Each of them another pose, the last but one again.
+    const settled = async (before) => tab.until(`(() => { const at = ${position}; return at !== ${before} && at; })()`, LIMIT_MS);
+    const one = await settled(NaN);
+    await tab.key(',');
+    const two = await settled(one);
+    assert.ok(two < one, `${two} is before ${one}`);
+    await tab.key('.');
+    const three = await settled(two);
+    assert.ok(three > two, `${three} is behind ${two}`);
+    await seek(tab, Date.now() - 4000);
+    await tab.until(`${BAR}.max - ${position} >= 4`, LIMIT_MS);
+    await tab.key(' ');
+    const at = await tab.evaluate(position);
+    await tab.until(`${position} > ${at} + 1`, LIMIT_MS);
+    assert.notEqual(await tab.evaluate(SAYS), '');
+    await tab.key(']');
+    await tab.until(`${SAYS} === ''`, LIMIT_MS);  // Twice as fast it is live soon.
+    await tab.until(isLive, LIMIT_MS);
+  });
+  await broker.stop();
+});
+
+test('WhoFollowsGoesWhereTheLeaderIs', async () => {
+  const broker = await programs.broker(0, '--history-streams=**');
+  programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
+  const url = (name) => `http://127.0.0.1:${broker.port}/lab/heart?room=lab/heart&name=${name}`, here = (name) => `document.querySelector('.room')?.textContent.includes('${name}')`;
+  await onPage(url('Ada'), async (ada) => {
+    await ada.until(`${isLive} && Number(${BAR}?.max) > 4 && ${here('Ada')}`, LIMIT_MS);
+    await onPage(url('Bob'), async (bob) => {
+      await bob.until(`${isLive} && ${BAR} !== null && ${here('Ada')}`, LIMIT_MS);
+      await ada.key('o');
+      await bob.until(here('Ada (leads)'), LIMIT_MS);
+      await ada.evaluate("document.querySelector('.timeline button').click()");
+      await seek(ada, Date.now() - 3000);
+      await bob.until(`${SAYS} !== '' && document.querySelector('.timeline button').getAttribute('aria-label') === 'Play'`, LIMIT_MS);
+      await ada.key('End');
+      await bob.until(`${SAYS} === ''`, LIMIT_MS);
+    });
+  });
+  await broker.stop();
+});
+
+test('WhoMayNotSeesNoTimelineAndWhy', async () => {
+  const broker = await programs.broker(0, '--history-streams=**', '--access-anonymous-rewind=');
+  programs.ring(broker, 'lab/ring');
+  await onPage(`http://127.0.0.1:${broker.port}/lab/ring`, async (tab) => {
+    await tab.until(isLive, LIMIT_MS);
+    await tab.until(`document.dispatchEvent(new KeyboardEvent('keydown', { key: ',', bubbles: true })) && document.querySelector('.banner').textContent.includes('(refused)')`, LIMIT_MS);
+    assert.equal(await tab.evaluate("document.querySelector('.timeline')"), null);
+  });
+  await broker.stop();
+});
