@@ -23,6 +23,8 @@ const STYLE = `
 .timeline input { display: block; width: 100%; margin: 0; accent-color: var(--accent); }
 .timeline .kept { height: 5px; margin: 0 8px 2px; border-radius: 2px; pointer-events: none; }
 .timeline .time { min-width: 19ch; font: 12.5px/1.5 ui-monospace, monospace; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.timeline .button:disabled { opacity: .5; cursor: default; }
+.kept-stream .tools > [aria-label=pause] { display: none; }
 .kept-stream .legend, .kept-stream .banner { margin-bottom: 58px; }
 .past .state:not(.behind) { display: none; }
 .state.behind { color: var(--wait); }
@@ -236,8 +238,8 @@ export class Rewinder implements Played {
 /** The strip below the bar: what is kept, gaps, and marks of time before now. */
 function stripOf({ spans, nowUs }: Rewinder): string {
   const fromUs = spans[0]!.fromUs, lengthUs = Math.max(nowUs - fromUs, 1), percent = (us: number): string => `${(100 * us / lengthUs).toFixed(2)}%`;
-  const kept = spans.map((span) => [percent(span.fromUs - fromUs), percent(span.toUs - fromUs)]).map(([a, b]) => `transparent ${a}, var(--accent) ${a} ${b}, transparent ${b}`);
-  return `repeating-linear-gradient(to left, transparent 0 calc(${percent(markUs(lengthUs))} - 1px), var(--ink) 0 ${percent(markUs(lengthUs))}), linear-gradient(to right, ${kept.join(', ')}), var(--line)`;
+  const kept = spans.map((span) => [percent(span.fromUs - fromUs), percent(span.toUs - fromUs)]).map(([a, b]) => `transparent ${a}, var(--quiet) ${a} ${b}, transparent ${b}`);
+  return `repeating-linear-gradient(to left, transparent 0 calc(${percent(markUs(lengthUs))} - 2px), var(--card) 0 ${percent(markUs(lengthUs))}), linear-gradient(to right, ${kept.join(', ')}), var(--line)`;
 }
 
 /** Puts a timeline on the page of a stream whose broker keeps it, and its keys before the page's; in a room follows who leads. */
