@@ -134,7 +134,7 @@ class Past(unittest.TestCase):
             self.assertEqual(sequences, sorted(set(sequences)))
 
     def test_who_may_not_is_told_so(self):
-        self.begin("--history-streams=**", "--access-anonymous-rewind=")
+        self.begin("--history-streams=**", "--access-anonymous-rewind=nothing")
         poses, code, said, _ = self.watch("--ago", "1", "--frames", "1")
         self.assertEqual((poses, code), ([], NO_STREAM))
         self.assertIn("(refused)", said)

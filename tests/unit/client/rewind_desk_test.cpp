@@ -178,9 +178,9 @@ TEST(RewindDesks, NothingIsFasterThanLive) {
   ASSERT_EQ(d.source.seeks.size(), 1U);
   EXPECT_EQ(d.source.seeks[0].speed, 0.5);
   d.source.answer(d.source.seeks[0].at_us);
-  d.turn();
-  d.state.speed = 2;
   d.turn(10 * kSecond);
+  d.state.speed = 2;
+  d.turn();
   ASSERT_EQ(d.source.seeks.size(), 2U);
   EXPECT_EQ(d.source.seeks[1].speed, 2);
 }

@@ -106,6 +106,10 @@ export class Rewinder implements Played {
   get durationUs(): number {
     return this.nowUs - this.#fromUs;
   }
+  /** What is shown is what was wanted. */
+  get isSettled(): boolean {
+    return !this.#wanted && !this.#asked && this.#steps === 0;
+  }
   get says(): string {
     return this.#isBehind ? textFromBehind(this.nowUs - this.atUs) : 'live';
   }
@@ -275,6 +279,8 @@ export function showPast(desk: Desk, commands: Command[], place: Place, broker: 
     if (live.isPaused !== rewinder.holds) live.isPaused = rewinder.holds;
     if (strip.style.background !== drawn) strip.style.background = drawn;
     behind.textContent = isBehind ? rewinder.says : '';
+    behind.title = new Date(rewinder.atUs / 1000).toISOString();
+    bar!.setAttribute('aria-busy', String(!rewinder.isSettled));
     behind.hidden = back.disabled = !isBehind;
     main.classList.toggle('past', isBehind);
   };
