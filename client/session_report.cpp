@@ -184,7 +184,8 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["playout"]["lag_us"] = json_from(source.lag_us());
   report["shown"] = {
       {"capture_us", json_from(view.shown_capture_us())},
-      {"timecode", view.shown_capture_us() ? json(timecode_of(*view.shown_capture_us())) : json(nullptr)}};
+      {"timecode", view.shown_capture_us() ? json(timecode_of(rewind_.past_us().value_or(*view.shown_capture_us())))
+                                           : json(nullptr)}};
   if (seek_us_.count() > 0) report["seek_us"] = json_from(seek_us_);
   if (rewind_.past_us()) {
     report["shown"]["at_us"] = *rewind_.past_us();
