@@ -22,8 +22,10 @@ control::History History::of(std::string_view stream, TimeUs now_us) const {
   control::History history{std::string(stream)};
   if (!kept) return history;
   history.now_us = kept->unix_from_steady(now_us);
-  for (const Recorder::Piece& piece : kept->pieces(stream)) {
-    const TimeUs to_us = piece.growing ? std::max(history.now_us, piece.to_us) : piece.to_us;
+  const auto pieces = kept->pieces(stream);
+  for (const Recorder::Piece& piece : pieces) {
+    const bool live = piece.growing && &piece == &pieces.back();
+    const TimeUs to_us = live ? std::max(history.now_us, piece.to_us) : piece.to_us;
     if (!history.spans.empty() && piece.from_us - history.spans.back().to_us <= PastReader::kSeamUs) {
       history.spans.back().to_us = to_us;
     } else {

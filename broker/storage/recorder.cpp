@@ -491,7 +491,7 @@ void Recorder::work(Item& item) {
     case Item::Kind::kEnd:
       if (session.failed) return;
       if (session.writer) {
-        const auto finished = session.writer->finish();
+        const auto finished = session.writer->finish(settings_.keep_us == 0);
         if (!finished) return fail_session(session, finished.error());
         note(session);
         log(log_, info_level(),
@@ -606,7 +606,7 @@ void Recorder::write_key(const Item& item) {
 void Recorder::flush_all(bool sync) {
   for (const SessionPtr& session : std::vector<SessionPtr>(open_)) {
     if (!session->writer) continue;
-    const auto flushed = sync ? session->writer->sync() : session->writer->flush();
+    const auto flushed = sync && settings_.keep_us == 0 ? session->writer->sync() : session->writer->flush();
     if (!flushed) {
       fail_session(*session, flushed.error());
       continue;

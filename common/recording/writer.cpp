@@ -90,13 +90,13 @@ Result<void> Writer::sync() {
   return {};
 }
 
-Result<void> Writer::finish() {
+Result<void> Writer::finish(bool syncs) {
   if (!entries_.empty()) append_index();
   Bytes body;
   ByteWriter out(body);
   for (const std::uint64_t value : {last_index_, frames_, dropped_}) out.u64(value);
   append(Type::kEnd, last_us_, body);
-  return sync();
+  return syncs ? sync() : flush();
 }
 
 void Writer::append(Type type, TimeUs time_us, ByteView first, ByteView second) {

@@ -46,8 +46,8 @@ class Writer {
   Result<void> flush();
   /// flush(), and onto the disk.
   Result<void> sync();
-  /// Index, end, sync. Nothing may follow.
-  Result<void> finish();
+  /// Index, end, sync, or flush alone. Nothing may follow.
+  Result<void> finish(bool syncs = true);
   std::uint64_t bytes() const { return written_ + pending_.size(); }
   std::uint64_t frames() const { return frames_; }
   TimeUs duration_us() const { return last_us_; }
