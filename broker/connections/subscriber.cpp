@@ -144,7 +144,10 @@ Result<void> Subscriber::may_see_past(const std::string& stream) const {
 
 void Subscriber::tell_history(const std::string& stream, const Error* why) {
   control::History history{stream};
-  if (why == nullptr || why->code != ErrorCode::kRefused) history = context().history.of(stream, steady_now_us());
+  double work_us = 0;
+  if (why == nullptr || why->code != ErrorCode::kRefused)
+    history = context().history.of(stream, steady_now_us(), &work_us);
+  charge(work_us);
   if (why != nullptr) history.code = name_of(why->code);
   if (why != nullptr) history.message = why->message;
   send(history);

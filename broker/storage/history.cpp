@@ -8,6 +8,11 @@
 #include "common/wire/limits.h"
 
 namespace eigencast::broker {
+namespace {
+
+constexpr double kLookUs = 0.3;  ///< At a file that is kept.
+
+}  // namespace
 
 History::History(const Recorder::Settings& settings, AssetStore& assets, const LogSink& log) {
   std::error_code ignored;
@@ -18,11 +23,12 @@ History::History(const Recorder::Settings& settings, AssetStore& assets, const L
   }
 }
 
-control::History History::of(std::string_view stream, TimeUs now_us) const {
+control::History History::of(std::string_view stream, TimeUs now_us, double* work_us) const {
   control::History history{std::string(stream)};
   if (!kept) return history;
   history.now_us = kept->unix_from_steady(now_us);
   const auto pieces = kept->pieces(stream);
+  if (work_us != nullptr) *work_us += kLookUs * static_cast<double>(pieces.size());
   for (const Recorder::Piece& piece : pieces) {
     const bool live = piece.growing && &piece == &pieces.back();
     const TimeUs to_us = live ? std::max(history.now_us, piece.to_us) : piece.to_us;

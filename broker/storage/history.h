@@ -17,8 +17,8 @@ struct History {
   History(const Recorder::Settings& settings, AssetStore& assets, const LogSink& log);
 
   bool keeps(std::string_view stream) const { return kept && kept->keeps(stream); }
-  /// Of a stream, by its time on the steady clock.
-  control::History of(std::string_view stream, TimeUs now_us) const;
+  /// Of a stream, by its time on the steady clock. Adds about how long that took to `work_us`.
+  control::History of(std::string_view stream, TimeUs now_us, double* work_us = nullptr) const;
 
   std::unique_ptr<Recorder> kept;        ///< Null: nothing.
   Shares viewers;                        ///< Of the past.

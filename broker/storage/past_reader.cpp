@@ -207,19 +207,24 @@ Result<void> PastReader::load_memory(ByteView ids) {
     Sha256 id;
     std::copy_n(ids.begin(), recording::kIdBytes, id.digest.begin());
     auto& segment = segments_[id.hex()] = known[id.hex()];
-    if (!segment) {
+    if (!segment && offsets.empty()) {  // Once: there may be as many objects as segments.
       const auto objects = reader_->object_offsets();
       if (!objects) return objects.error();
       for (const std::uint64_t offset : *objects) {
         const auto object = reader_->object_at(offset);
         if (!object) return object.error();
-        if (!std::equal(id.digest.begin(), id.digest.end(), object->body.begin())) continue;
-        auto decoded =
-            decode_segment(decoder_->layout(), asset->digest, ByteView(object->body).subspan(recording::kIdBytes));
-        if (!decoded) return decoded.error();
-        segment = *std::move(decoded);
-        break;
+        Sha256 held;
+        std::copy_n(object->body.begin(), recording::kIdBytes, held.digest.begin());
+        offsets[held.hex()] = offset;
       }
+    }
+    if (const auto found = offsets.find(id.hex()); !segment && found != offsets.end()) {
+      const auto object = reader_->object_at(found->second);
+      if (!object) return object.error();
+      auto decoded =
+          decode_segment(decoder_->layout(), asset->digest, ByteView(object->body).subspan(recording::kIdBytes));
+      if (!decoded) return decoded.error();
+      segment = *std::move(decoded);
     }
     if (!segment) return fail(ErrorCode::kCorrupt, file_ + " lacks a part of its memory");
     memory.segments.push_back({id.hex(), segment, generation_});

@@ -31,6 +31,7 @@ constexpr std::int64_t kItemBytes = 200;  ///< Approximate size of a queue entry
 // Of what is kept: a file, longer where the memory that each needs would be most of it, and shorter for fast streams.
 constexpr TimeUs kPieceUs = 60'000'000, kLongestPieceUs = 600'000'000;
 constexpr std::uint64_t kMaxPieceBytes = 16 << 20;
+constexpr std::size_t kMorePieces = 256;  ///< Of one stream: each announcement begins a file, and all are looked at.
 
 /// What a file takes of the quotas: many small ones cost a folder, and this memory, too.
 constexpr std::uint64_t file_cost(std::uint64_t bytes) {
@@ -426,7 +427,8 @@ auto Recorder::next_to_go(TimeUs now_us) -> decltype(kept_)::iterator {
   for (auto it = kept_.begin(); it != kept_.end(); ++it) {
     const Kept& first = *it->second.front();
     if (first.growing) continue;
-    if (first.to_us < now_us - settings_.keep_us) return it;
+    const auto most_files = static_cast<std::size_t>(settings_.keep_us / kPieceUs) + kMorePieces;
+    if (first.to_us < now_us - settings_.keep_us || it->second.size() > most_files) return it;
     const auto held = holders_.find(first.holder);
     const auto own = static_cast<std::int64_t>(held == holders_.end() ? 0 : held->second);
     const bool over = stored >= max || (!first.holder.empty() && own >= share_of(max, stored, own));

@@ -243,6 +243,23 @@ TEST_F(HistoryTest, TheOldestGoByAgeAndByBytes) {
   EXPECT_GE(files(), 10U);
 }
 
+TEST_F(HistoryTest, ASenderThatBeginsAgainAndAgainLeavesFewFiles) {
+  settings_.keep_us = 2 * kMinute;
+  start(kMinute);
+  for (int i = 0; i < 400; ++i) {
+    announce();
+    send(1);
+  }
+  stall();
+  const auto first = at(first_us_);
+  ASSERT_TRUE(
+      eventually([&] { return !pieces().empty() && pieces().size() <= 258 && pieces().front().from_us > first; }));
+  EXPECT_GE(pieces().size(), 250U);
+  double work_us = 0;
+  (void)history_->of("lab/horse", now_us_, &work_us);
+  EXPECT_GE(work_us, 0.1 * 250) << "who asks pays for what is looked at";
+}
+
 TEST_F(HistoryTest, AHolderBeyondItsShareLosesItsOwn) {
   settings_.max_total_bytes = 2 << 20;
   history_ = std::make_unique<History>(settings_, *assets_, LogSink());
