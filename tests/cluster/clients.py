@@ -183,20 +183,18 @@ class Client:
     async def fetch(self, broker, path, body=None):
         """Status and body of a GET, or of a PUT of `body`."""
         host, address, port = broker.reached_from(self)
-        sock = await connected(host, address, port)
+        reader, writer = await asyncio.open_connection(sock=await connected(host, address, port))
         try:
-            reader, writer = await asyncio.open_connection(sock=sock)
             what = f"GET {path}" if body is None else f"PUT {path}"
             length = "" if body is None else f"Content-Length: {len(body)}\r\n"
             writer.write(f"{what} HTTP/1.1\r\nHost: localhost\r\n{length}\r\n".encode() + (body or b""))
             async with asyncio.timeout(PATIENCE_S):
                 head = await reader.readuntil(b"\r\n\r\n")
                 answer = await reader.readexactly(int(re.search(rb"(?i)content-length: (\d+)", head)[1]))
-            writer.close()
         except TimeoutError:
             raise Gone("silent") from None
         finally:
-            sock.close()
+            writer.transport.abort()  # Which closes the socket, once its loop knows no more of it.
         return head.split()[1], answer
 
 

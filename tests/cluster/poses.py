@@ -5,7 +5,7 @@ import pathlib
 import struct
 import sys
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "bench/broker"))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench/broker"))  # Behind history.py of here.
 from payloads import ESTIMATE, JOIN, KEY, STEP, Chain, varint, varint_at
 
 ROWS, BAND_ENDS = 4, [1, 4]
