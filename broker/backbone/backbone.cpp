@@ -257,7 +257,10 @@ void Backbone::try_claim(const std::string& name) {
   }
   const Stream* stream = hub_->find(name);
   const std::string sender = stream != nullptr ? sender_of(stream->holder(), salt_) : "";
-  const std::uint32_t above = epochs_before(name);
+  // Its broker may have given its sender the epoch that is to follow, of which the row says nothing yet.
+  const Directory::Known* known = directory_.find(name);
+  const bool changes = known != nullptr && known->entry && !known->entry->next.empty();
+  const std::uint32_t above = epochs_before(name) + (changes ? 1 : 0);
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
     if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
     return grant(name, epoch_apart(above));

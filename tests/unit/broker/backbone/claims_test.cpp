@@ -364,6 +364,24 @@ TEST_F(ClaimsTest, EpochsGrowAcrossForgottenRows) {
   EXPECT_GT(viewer.infos.back().epoch, epoch);
 }
 
+TEST_F(ClaimsTest, AnEpochThatWasPromisedIsGivenToNobodyElse) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  pass(100'000);
+  const Sha256 other = a().put(content(7, 10));
+  sender.stream->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{other.hex(), 1}));
+  pass(500'000);
+  const auto promised = a().backbone->next_epoch("s");
+  ASSERT_TRUE(promised);
+  a().link.cut();  // It dies before the first frame of that epoch.
+  pass(10'000'000);
+  SiteSender& moved = new_sender();
+  publish(moved, b());
+  pass(500'000);
+  ASSERT_TRUE(moved.granted && *moved.granted);
+  EXPECT_GT(moved.granted->value(), *promised);
+}
+
 TEST_F(ClaimsTest, OneSenderStaysAfterPartition) {
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();
