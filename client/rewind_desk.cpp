@@ -42,7 +42,9 @@ std::optional<TimeUs> moment_of(const PoseSource& source, const SurfaceView* vie
   const auto& rewind = *source.info()->rewind;
   const auto shown_us = shown_of(source, view);
   if (!shown_us) return rewind.at_us;
-  return rewind.at_us + std::llround(static_cast<double>(*shown_us - rewind.capture_us) * rewind.speed);
+  constexpr double kFarUs = 1e18;  // Beyond what a broker that means well says.
+  const double since_us = static_cast<double>(*shown_us - rewind.capture_us) * rewind.speed;
+  return rewind.at_us + std::llround(std::clamp(since_us, -kFarUs, kFarUs));
 }
 
 }  // namespace

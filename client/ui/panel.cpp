@@ -284,7 +284,9 @@ void draw_past(const RewindDesk::Bar& bar, ViewerState& state, float scale) {
     lines.AddRectFilled({x_of(begin_us), top}, {std::max(x_of(end_us), x_of(begin_us) + 1), bottom},
                         ImGui::GetColorU32(ImGuiCol_SliderGrab, 0.55F));
   const TimeUs every_us = mark_interval_us(length_us);
-  for (TimeUs mark_us = bar.now_us - every_us; mark_us > from_us; mark_us -= every_us)
+  constexpr int kMaxMarks = 200;
+  TimeUs mark_us = bar.now_us - every_us;
+  for (int mark = 0; mark < kMaxMarks && mark_us > from_us; ++mark, mark_us -= every_us)
     lines.AddLine({x_of(mark_us), bottom}, {x_of(mark_us), at.y + height}, ImGui::GetColorU32(ImGuiCol_TextDisabled));
   const float x = x_of(bar.at_us), half = 3 * scale;
   lines.AddRectFilled({x - half, at.y}, {x + half, at.y + height}, ImGui::GetColorU32(ImGuiCol_SliderGrabActive), half);
