@@ -203,8 +203,9 @@ void draw_help(const std::vector<HelpLine>& lines, const Room& room, float left)
   const float width = widest[0] + widest[1] + widest[2] + between + 6 * cell.x + 2 * padding.x;
   const float height = static_cast<float>(lines.size()) * (ImGui::GetFontSize() + 2 * cell.y) + 2 * padding.y;
   constexpr float kMinPart = 0.25F;
-  if (kMinPart * width > 0.96F * (room.size.x - left)) left = 0;  // there is no room beside it
-  const float part = std::clamp(0.96F * std::min((room.size.x - left) / width, room.size.y / height), kMinPart, 1.0F);
+  if (kMinPart * width > 0.96F * room.size.x - left) left = 0;  // there is no room beside it
+  const float part =
+      std::clamp(std::min((0.96F * room.size.x - left) / width, 0.96F * room.size.y / height), kMinPart, 1.0F);
   ImGui::PushStyleVar(ImGuiStyleVar_CellPadding, {part * cell.x, part * cell.y});
   ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, {part * padding.x, part * padding.y});
   begin_box("help", {0.5F * (left + room.size.x), 0.5F * room.size.y}, {0.5F, 0.5F}, 0.93F);
