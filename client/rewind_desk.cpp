@@ -185,13 +185,14 @@ std::optional<TimeUs> RewindDesk::take_sought(std::span<PoseSource* const> sourc
   return shown_of(**lead, view_of(scene, index)) ? std::exchange(sought_us_, std::nullopt) : std::nullopt;
 }
 
-/// Of streams without a past, for who wants to see it.
+/// Of streams without a past: of which it begins, and for who wants to see it.
 void RewindDesk::ask_why(std::span<PoseSource* const> sources, TimeUs now_us) {
-  if (!asks_why_ && !begin_) return;
   for (PoseSource* source : sources) {
     Rewind* rewind = source->rewind();
     if (rewind == nullptr) continue;
     const auto kept = rewind->kept();
+    const bool begins = kept && kept->trouble.empty();
+    if (!begins && !asks_why_ && !begin_) continue;
     if (kept && !kept->trouble.empty()) {
       trouble_ = kept->trouble;
       asks_why_ = false;

@@ -81,6 +81,17 @@ TEST(RewindDesks, HaveNoBarWithoutAPastAndSayWhy) {
   EXPECT_TRUE(d.source.seeks.empty());
 }
 
+TEST(RewindDesks, AskAgainWhereNothingIsKeptYet) {
+  Desk d;
+  d.source.kept_->spans.clear();
+  d.turn(2 * kSecond), d.turn(2 * kSecond);
+  EXPECT_EQ(d.source.asked, 2);
+  EXPECT_FALSE(d.desk.bar());
+  d.source.kept_->spans = {{kBrokerUs, kBrokerUs + kSecond}};
+  d.turn();
+  EXPECT_TRUE(d.desk.bar());
+}
+
 TEST(RewindDesks, SeekAtMostEveryTwentiethSecond) {
   Desk d;
   d.turn();
