@@ -171,7 +171,7 @@ TEST_F(RewindServiceTest, PosesBetweenKeysArePacedAsLive) {
 }
 
 TEST_F(RewindServiceTest, TakesTheRightToRewind) {
-  const auto may = create_static_token("may", {}, {"**"}, false, {}, {"lab/**"});
+  const auto may = create_static_token("may", {}, {"**"}, false, {}, {"lab/**", "else/**"});
   const auto may_not = create_static_token("may-not", {}, {"**"}, false, {"**"});
   std::ofstream(folder_ + "/tokens") << may->line << "\n" << may_not->line << "\n";
   stop();
