@@ -71,7 +71,7 @@ trap finish EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
-"$programs/eigencast-broker" --listen 127.0.0.1:0 --port-file "$work/port" --data-dir "$work/assets" >"$out/broker.log" 2>&1 &
+"$programs/eigencast-broker" --listen 127.0.0.1:0 --port-file "$work/port" --data-dir "$work/assets" --history-streams "**" >"$out/broker.log" 2>&1 &
 broker_pid=$!
 until [ -s "$work/port" ]; do
   kill -0 $broker_pid 2>/dev/null || { cat "$out/broker.log"; echo "demo: the broker did not start" >&2; exit 1; }
