@@ -45,7 +45,7 @@ class RoomDesk final {
   bool advance(Camera& camera, TimeUs now_us);
   /// Says where in time the one who leads is, or goes there.
   void share(RewindDesk& rewind, std::span<PoseSource* const> sources);
-  /// The user has moved the camera: while somebody leads, it follows no more until follow(), whoever leads then.
+  /// The user has moved the camera. If somebody leads, the camera stops following, also later leaders, until follow().
   void stop_following() { follows_ = follows_ && (leads() || state_.holder_of(kLead) == nullptr); }
   bool follows() const { return follows_; }
   void follow() { follows_ = true; }

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A WebSocket client of raw bytes, and a broker to try it on: for tests that must do what no library lets them do."""
 import base64
+import json
 import os
 import pathlib
 import shutil
@@ -29,6 +30,17 @@ def frame(opcode, payload=b"", fin=True, masked=True, reserved=0):
     repeated = MASK * (len(payload) // 4 + 1)
     body = (int.from_bytes(payload, "big") ^ int.from_bytes(repeated[: len(payload)], "big")).to_bytes(len(payload), "big")
     return head + MASK + body
+
+
+def control(**message):
+    return frame(TEXT, json.dumps(message).encode())
+
+
+def next_control(peer, *ops):
+    while True:
+        opcode, payload = peer.receive()
+        if opcode == TEXT and (message := json.loads(payload))["op"] in ops:
+            return message
 
 
 def close_frame(code, reason=b""):

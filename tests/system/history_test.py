@@ -4,7 +4,6 @@
 
     history_test.py BROKER [-v]
 """
-import json
 import pathlib
 import struct
 import sys
@@ -17,22 +16,11 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
 import cases
 import payloads
-from websocket_peer import BINARY, TEXT, Broker, Peer, frame
+from websocket_peer import BINARY, Broker, Peer, TEXT, control, frame, next_control
 
 BROKER = None
 SUBPROTOCOL = "eigencast.v2"
 KEYS, ENDS = 90, [4, 8]
-
-
-def control(**message):
-    return frame(TEXT, json.dumps(message).encode())
-
-
-def next_control(peer, *ops):
-    while True:
-        opcode, payload = peer.receive()
-        if opcode == TEXT and (message := json.loads(payload))["op"] in ops:
-            return message
 
 
 class Past:

@@ -26,6 +26,7 @@ import cases
 import reference_asset_reader
 import reference_decoder
 from reference_viewer import ReferenceViewer
+from tubes import lines, mesh_of
 from websocket_peer import TEXT, Peer, ports_of
 
 BROKER = SENDER = CLIENT = NODE = None
@@ -44,23 +45,12 @@ def pose(number):
     return array.array("f", (value for vertex in range(RINGS * SIDES) for value in point(number, vertex))).tobytes()
 
 
-def mesh():
-    rest = array.array("f", pose(0))
-    corner = lambda i, j: i * SIDES + j % SIDES + 1
-    quads = [(corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)) for i in range(RINGS - 1) for j in range(SIDES)]
-    return "".join([*(f"v {rest[i]} {rest[i + 1]} {rest[i + 2]}\n" for i in range(0, len(rest), 3)), *(f"f {a} {b} {c}\nf {a} {c} {d}\n" for a, b, c, d in quads)])
-
-
-def lines(path):
-    return [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")] if path.exists() else []
-
-
 class Scene:
     """A broker that keeps folder and port, a sender that learns, and viewers that record what they receive."""
 
     def __init__(self):
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-learn-"))
-        (self.folder / "tube.obj").write_text(mesh())
+        (self.folder / "tube.obj").write_text(mesh_of(pose(0), SIDES))
         self.viewers, self.feeders = 0, []
         self.start_broker("127.0.0.1:0")
 

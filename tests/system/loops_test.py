@@ -26,22 +26,11 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
 import cases
 import payloads
-from websocket_peer import BINARY, CLOSE, TEXT, Broker, Peer, frame, ports_of
+from websocket_peer import BINARY, Broker, CLOSE, Peer, TEXT, control, frame, next_control, ports_of
 
 BROKER = None
 SUBPROTOCOL = "eigencast.v2"
 VIEWERS, KEYS, ENDS = 8, 30, [4, 8]
-
-
-def control(**message):
-    return frame(TEXT, json.dumps(message).encode())
-
-
-def next_control(peer, *ops):
-    while True:
-        opcode, payload = peer.receive()
-        if opcode == TEXT and (message := json.loads(payload))["op"] in ops:
-            return message
 
 
 chains = collections.defaultdict(payloads.Chain)  # Of senders and viewers, by peer.

@@ -19,6 +19,7 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support")]
 import cases
+from tubes import lines, mesh_of
 from websocket_peer import ports_of
 
 BROKER = SENDER = CLIENT = None
@@ -36,17 +37,6 @@ def pose(number):
             around, along = math.tau * j / SIDES, i / RINGS
             points.extend((along, 0.2 * math.cos(around) + 0.2 * math.sin(2 * along + t) + 1e-3 * t, 0.2 * math.sin(around)))
     return points.tobytes()
-
-
-def mesh():
-    rest = array.array("f", pose(0))
-    corner = lambda i, j: i * SIDES + j % SIDES + 1
-    quads = [(corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)) for i in range(RINGS - 1) for j in range(SIDES)]
-    return "".join([*(f"v {rest[i]} {rest[i + 1]} {rest[i + 2]}\n" for i in range(0, len(rest), 3)), *(f"f {a} {b} {c}\nf {a} {c} {d}\n" for a, b, c, d in quads)])
-
-
-def lines(path):
-    return [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")] if path.exists() else []
 
 
 class Past(unittest.TestCase):
@@ -70,7 +60,7 @@ class Past(unittest.TestCase):
         self.start(BROKER, "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={self.folder / 'port'}", f"--data-dir={self.folder / 'broker'}",
                    "--log-level=error", "--frames-ladder=false", *options)
         self.url = f"http://127.0.0.1:{ports_of(self.folder / 'port')[0]}/live/tube"
-        (self.folder / "tube.obj").write_text(mesh())
+        (self.folder / "tube.obj").write_text(mesh_of(pose(0), SIDES))
         sender = self.start(SENDER, "pipe", "--mesh", self.folder / "tube.obj", "--to", self.url, "--cache", self.folder / "bakes", "--wait", "--rank", "20",
                             "--rate", "30", stdin=subprocess.PIPE)
         threading.Thread(target=self.feed, args=(sender,), daemon=True).start()

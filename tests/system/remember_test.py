@@ -25,6 +25,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support")]
 import cases
 from reference_viewer import ReferenceViewer
+from tubes import lines, mesh_of
 from websocket_peer import free_ports, ports_of
 
 BROKER = SENDER = CLIENT = None
@@ -48,17 +49,9 @@ def tube(number):
 
 
 def write_clip(folder):
-    rest = tube(0)
-    corner = lambda i, j: i * SIDES + j % SIDES + 1
-    quads = [(corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)) for i in range(RINGS - 1) for j in range(SIDES)]
-    (folder / "tube.obj").write_text("".join([*(f"v {rest[i]} {rest[i + 1]} {rest[i + 2]}\n" for i in range(0, len(rest), 3)),
-                                              *(f"f {a} {b} {c}\nf {a} {c} {d}\n" for a, b, c, d in quads)]))
+    (folder / "tube.obj").write_text(mesh_of(tube(0), SIDES))
     head = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, RINGS * SIDES, 0, 1, LOOP)
     (folder / "tube.pc2").write_bytes(head + b"".join(tube(number).tobytes() for number in range(LOOP)))
-
-
-def lines(path):
-    return [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")] if path.exists() else []
 
 
 class Remembering(unittest.TestCase):

@@ -6,14 +6,13 @@ import assert from 'node:assert/strict';
 import { execFile, spawn } from 'node:child_process';
 import { cpSync, existsSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync, symlinkSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
-import { createServer } from 'node:net';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 import { promisify } from 'node:util';
 import { gzipSync } from 'node:zlib';
 import { BIN, Programs } from '../system/programs.mjs';
-import { until } from '../unit/fake_broker.mjs';
+import { freePort, until } from '../unit/fake_broker.mjs';
 import { BUILD, ROOT } from '../unit/support.mjs';
 import { CHROMIUM, startChromium } from './chromium.mjs';
 import { makePng, readPng } from './pictures.mjs';
@@ -61,14 +60,6 @@ after(async () => {
 
 const IN_BROWSER = { skip: CHROMIUM ? false : 'no Chromium: deploy/install-packages.sh full' };
 const streamUrl = (name) => `http://127.0.0.1:${broker.port}/${name}`;
-/** That was free a moment ago. */
-async function freePort() {
-  const server = createServer();
-  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
-  const { port } = server.address();
-  await new Promise((resolve) => server.close(resolve));
-  return port;
-}
 /** A tab of its own; a page that says something on its console fails its test. */
 async function onPage(path, use, usual = /Babylon\.js v|React DevTools/) {
   const tab = await chromium.tab();

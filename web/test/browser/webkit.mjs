@@ -3,9 +3,9 @@
 // WebKitGTK by WebDriver, on a screen of Xvfb.
 import { spawn } from 'node:child_process';
 import { existsSync, mkdtempSync, readdirSync, rmSync } from 'node:fs';
-import { createServer } from 'node:net';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
+import { freePort } from '../unit/fake_broker.mjs';
 import { HAS_SCREEN, startScreen, until } from './screen.mjs';
 
 const DRIVER = '/usr/bin/WebKitWebDriver', LIBRARIES = '/usr/lib';
@@ -14,14 +14,6 @@ const browsers = () => readdirSync(LIBRARIES).filter((name) => name.includes('-l
   .flatMap((kind) => readdirSync(join(LIBRARIES, kind)).filter((name) => /^webkit(2)?gtk-/.test(name)).map((name) => join(LIBRARIES, kind, name, 'MiniBrowser')));
 const BROWSER = HAS_SCREEN && existsSync(DRIVER) ? browsers().find(existsSync) : undefined;
 export const HAS_WEBKIT = BROWSER !== undefined;
-
-async function freePort() {
-  const server = createServer();
-  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
-  const { port } = server.address();
-  await new Promise((resolve) => server.close(resolve));
-  return port;
-}
 
 /** The one tab of a browser, as that of chromium.mjs; its console is not to be heard. */
 class Tab {

@@ -14,6 +14,15 @@ export async function until(condition, what = 'what was waited for', limitMs = 6
   throw new Error(`${what} did not come within ${limitMs} ms`);
 }
 
+/** A port that was free a moment ago. */
+export async function freePort() {
+  const server = createServer();
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  const { port } = server.address();
+  await new Promise((resolve) => server.close(resolve));
+  return port;
+}
+
 /** A broker that does what a test says: HTTP objects by their hash, and a script for each WebSocket. */
 export class FakeBroker {
   objects = new Map();
