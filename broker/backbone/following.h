@@ -17,7 +17,7 @@
 #include "broker/backbone/peer_work.h"
 #include "broker/backbone/remote_memory.h"
 #include "broker/relay/hub.h"
-#include "broker/relay/memory_reads.h"
+#include "broker/relay/fair_reads.h"
 #include "common/core/log.h"
 
 namespace eigencast::broker {
@@ -45,7 +45,7 @@ struct BackboneEnvironment {
   std::function<void(std::uint32_t seen)> note_epoch;                    ///< As EpochSource::note().
   std::function<bool()> replaces;   ///< Whether a second sender replaces the first instead of being refused.
   std::function<bool()> remembers;  ///< Whether streams may have a memory here.
-  std::function<bool(const std::string& holder, MemoryReads::Read)> read_memory;  ///< As MemoryReads::push().
+  std::function<bool(const std::string& holder, FairReads::Read)> read_memory;  ///< As FairReads::push().
   std::function<void()> frames_came;  ///< Called when streams have new frames.
   LogSink log;
 

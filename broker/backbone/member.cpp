@@ -62,7 +62,7 @@ Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::
                                note_epoch,
                                [self] { return self->host_->replaces(); },
                                [self] { return self->host_->remembers(); },
-                               [self](const std::string& holder, MemoryReads::Read read) {
+                               [self](const std::string& holder, FairReads::Read read) {
                                  return self->host_->memory_reads.push(holder, std::move(read));
                                },
                                [self] { self->host_->frames_came(); },

@@ -23,7 +23,7 @@ class Member {
     boost::asio::thread_pool& disk;
     EpochSource& epochs;
     Hub& hub;
-    MemoryReads& memory_reads;
+    FairReads& memory_reads;
     std::function<bool()> replaces, remembers;
     std::function<void()> frames_came;
   };

@@ -404,7 +404,8 @@ void Connection::tick() {
     return send_bye("the rights of this connection have changed: connect again", kRightsRetryMs, CloseCode::kPolicy);
   }
   const auto frames = static_cast<double>(frames_sent_ - std::exchange(frames_paid_, frames_sent_));
-  const TimeUs paid_us = grant_->charge_deliveries(kDeliveryUs * frames, context_.turn.now_us());
+  const double work_us = kDeliveryUs * frames + Outbox::kOfferUs * static_cast<double>(std::exchange(offered_, 0));
+  const TimeUs paid_us = grant_->charge_deliveries(work_us, context_.turn.now_us());
   outbox_.hold_until(paid_us > 0 ? context_.turn.now_us() + std::min(paid_us, kMaxPauseUs) : 0);
   if (watch_.is_probing()) check_window();  // The TCP acknowledgement of a ping shows the window even without a pong.
   on_tick();

@@ -54,6 +54,9 @@ void Connection::sent(const Transport::Outcome& outcome) {
 
 void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames) {
   if (watch_.is_check_due(context_.turn.now_us())) check_window();
+  // It cannot pay: a join follows.
+  if (outbox_.is_held(context_.turn.now_us())) return outbox_.miss(stream_id, frames.size());
+  offered_ += frames.size();
   for (const FramePtr& frame : frames) {
     outbox_.offer(stream_id, frame);
     schedule_write();

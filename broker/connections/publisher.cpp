@@ -7,7 +7,7 @@
 
 #include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
-#include "broker/relay/memory_reads.h"
+#include "broker/relay/fair_reads.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/segments.h"

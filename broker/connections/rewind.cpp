@@ -2,13 +2,11 @@
 #include "broker/connections/rewind.h"
 
 #include <algorithm>
-#include <boost/asio/executor_work_guard.hpp>
-#include <boost/asio/post.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <cmath>
 #include <exception>
 #include <utility>
 
+#include "broker/relay/fair_reads.h"
 #include "broker/relay/hub.h"
 #include "broker/sockets/turn.h"
 #include "broker/storage/history.h"
@@ -107,26 +105,40 @@ void Rewind::seek(const control::Seek& wanted) {
   if (!reading_) arm(steady_now_us());
 }
 
-void Rewind::read(std::optional<TimeUs> until_us) {
+bool Rewind::read(std::optional<TimeUs> until_us) {
+  struct Reading {
+    std::shared_ptr<Rewind> self{};
+    Viewer* payer = nullptr;  ///< Pays even if it stops meanwhile.
+    std::shared_ptr<void> alive{};
+    std::optional<Result<Passage>> passage{};
+  };
+  const auto reading = std::make_shared<Reading>();
+  const auto wanted = [weak = weak_from_this(), reading] {
+    reading->self = weak.lock();
+    if (!reading->self || reading->self->viewer_ == nullptr) return false;
+    reading->payer = reading->self->viewer_;
+    reading->alive = reading->payer->lifetime();
+    return true;
+  };
+  const auto load = [reading, sought = until_us ? std::nullopt : sought_, until_us] {
+    PastReader& reader = reading->self->reader_;
+    try {
+      reading->passage = sought ? reader.seek(*sought, steady_now_us()) : reader.go_on(*until_us);
+    } catch (const std::exception& exception) {
+      reading->passage = fail(ErrorCode::kInternal, exception.what());
+    }
+  };
+  const auto then = [reading, seeks = !until_us] {
+    const auto self = std::move(reading->self);
+    self->take(*reading->passage, seeks, reading->payer->pay(self->reader_.took_us()));
+  };
   reading_ = true;
-  const auto sought = until_us ? std::nullopt : std::exchange(sought_, std::nullopt);
-  asio::post(context_.past, [self = shared_from_this(), alive = viewer_->lifetime(),
-                             guard = asio::make_work_guard(context_.loop), sought, until_us]() mutable {
-    auto passage = [&]() -> Result<Passage> {
-      try {
-        return sought ? self->reader_.seek(*sought, steady_now_us()) : self->reader_.go_on(*until_us);
-      } catch (const std::exception& exception) {
-        return fail(ErrorCode::kInternal, exception.what());
-      }
-    }();
-    asio::io_context& loop = self->context_.loop;
-    // Neither it nor its viewer must end on this thread.
-    asio::post(loop, [self = std::move(self), alive = std::move(alive), passage = std::move(passage),
-                      seeks = sought.has_value()] { self->take(passage, seeks); });
-  });
+  if (!context_.past_reads.push(holder_, {wanted, load, then})) return reading_ = false;
+  if (!until_us) sought_.reset();
+  return true;
 }
 
-void Rewind::take(const Result<Passage>& read, bool sought) {
+void Rewind::take(const Result<Passage>& read, bool sought, TimeUs pause_us) {
   reading_ = false;
   if (viewer_ == nullptr) return;
   const TimeUs now_us = steady_now_us();
@@ -139,7 +151,7 @@ void Rewind::take(const Result<Passage>& read, bool sought) {
     viewer_->refuse_seek(*this, read.error());
     return viewer_ != nullptr ? run() : void();
   }
-  paid_us_ = now_us + std::min(viewer_->pay(read->work_us), kMaxWaitUs);
+  paid_us_ = now_us + std::min(pause_us, kMaxWaitUs);
   again_us_ = std::max(paid_us_, read->poses.empty() ? now_us + kAgainUs : now_us);
   if (sought && read->poses.empty()) {
     if (sought_) return arm(now_us);
@@ -196,12 +208,9 @@ void Rewind::arm(TimeUs now_us) {
   if (!reading_) {
     const auto until_us = sought_ ? std::nullopt : replay_.wants(now_us);
     if (sought_ || until_us) {
-      const TimeUs from_us = sought_ ? paid_us_ : again_us_;
-      if (from_us <= now_us) {
-        read(until_us);
-      } else {
-        due_us = std::min(due_us.value_or(from_us), from_us);
-      }
+      TimeUs from_us = sought_ ? paid_us_ : again_us_;
+      if (from_us <= now_us && !read(until_us)) from_us = now_us + kAgainUs;
+      if (from_us > now_us) due_us = std::min(due_us.value_or(from_us), from_us);
     } else if (!due_us && replay_.speed() > 0 && stream_) {
       due_us = now_us + kAgainUs;
     }

@@ -80,8 +80,9 @@ class Rewind final : public std::enable_shared_from_this<Rewind> {
   Profile profile() const;
 
  private:
-  void read(std::optional<TimeUs> until_us);
-  void take(const Result<Passage>& read, bool sought);
+  /// False: its holder has too many that wait.
+  bool read(std::optional<TimeUs> until_us);
+  void take(const Result<Passage>& read, bool sought, TimeUs pause_us);
   void run();
   bool begin(const Passage::Beginning& begins, const KeyRecordPtr& key, TimeUs now_us);
   void arm(TimeUs now_us);

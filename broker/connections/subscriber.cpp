@@ -25,6 +25,11 @@ Subscriber::Subscriber(Context& context, Transport transport, GrantPtr grant, st
                   static_cast<std::size_t>(context.config.limits.max_control_bytes)}),
       first_(std::move(first)) {}
 
+// It was not closed where the loop ends before it.
+Subscriber::~Subscriber() {
+  end_rewinds();
+}
+
 std::string Subscriber::label() const {
   return first_ ? "viewer of '" + first_->stream + "'" : "viewer";
 }
@@ -248,7 +253,7 @@ void Subscriber::note_late(const control::Late& late) {
   const Stream* stream = context().hub.find(late.stream);
   const auto watched = stream != nullptr ? streams_.find(stream->id()) : streams_.end();
   if (watched == streams_.end() || !watched->second.moment || !watched->second.is_waited_for) return;
-  context().moments.report(*watched->second.moment, late.lag_us, steady_now_us());
+  context().moments.report(*watched->second.moment, grant().holder(), late.lag_us, steady_now_us());
 }
 
 void Subscriber::note_arrival(const Stream& stream, std::span<const FramePtr> frames) {
@@ -471,9 +476,13 @@ void Subscriber::report_dropped() {
   }
 }
 
+void Subscriber::end_rewinds() {
+  while (!rewinds_.empty()) (void)end_rewind(std::string(rewinds_.front()->name()));
+}
+
 void Subscriber::on_closed() {
   report_dropped();
-  while (!rewinds_.empty()) (void)end_rewind(std::string(rewinds_.front()->name()));
+  end_rewinds();
   for (const auto& [room, seat] : std::exchange(rooms_, {})) context().rooms.leave(room, seat);
   context().on_beat.erase(this);
   for (const auto& [id, watched] : std::exchange(streams_, {})) {

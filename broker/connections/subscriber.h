@@ -23,6 +23,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   static constexpr std::int64_t kNewsBytesPerS = 131'072, kNewsBurst = 131'072;
 
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
+  ~Subscriber() override;
 
   std::string holder() const override { return grant().is_spared() ? std::string() : grant().holder(); }
   bool charge_poses(double work_us) override;
@@ -85,6 +86,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   Result<void> try_to_seek(const control::Seek& wanted);
   /// Whether the past of the stream was shown, which is watched no more.
   bool end_rewind(const std::string& stream);
+  void end_rewinds();
   std::shared_ptr<Rewind> rewind_of(const std::string& stream) const;  ///< Null: none.
   bool show_past(Rewind& rewind, Stream* former) override;
   void show_present(const Rewind& rewind) override;

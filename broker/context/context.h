@@ -22,11 +22,12 @@ namespace eigencast::broker {
 class AssetStore;
 class Backbone;
 class Connection;
+class FairReads;
 class Gate;
 struct History;
 class Hub;
 class Loops;
-class MemoryReads;
+class FairReads;
 class Moments;
 class NewcomerTime;
 class Ownership;
@@ -58,9 +59,10 @@ struct Context : SharedContext {
   NewcomerTime& newcomers;
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
-  MemoryReads& memory_reads;                       ///< Of the first loop.
-  Rooms& rooms;                                    ///< All loops share them,
-  Moments& moments;                                ///< and these.
+  FairReads& memory_reads;  ///< Memories of senders here and at other brokers. Of the first loop.
+  FairReads& past_reads;    ///< The history, for viewers.
+  Rooms& rooms;             ///< All loops share them,
+  Moments& moments;         ///< and these.
   /// Connections of this loop, those on their way to it included. Any thread may read it.
   std::atomic<std::uint64_t> connection_count{0};
   Counters counters{};

@@ -59,17 +59,14 @@ std::size_t cores() {
 Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
            std::function<void(Stream&)> on_opened)
     : hub_(hub_settings(config, std::move(taps), siblings.ids, siblings.memory, std::move(on_opened))),
-      memory_reads_(
-          [this, &disk = shared.disk](MemoryReads::Work work) {
-            asio::post(disk, [guard = asio::make_work_guard(io_), work = std::move(work)] { work(); });
-          },
-          [this](MemoryReads::Work work) { asio::post(io_, std::move(work)); }),
+      memory_reads_(reads_on(shared.disk)),
+      past_reads_(reads_on(shared.past)),
       context_{shared,          io_,
                config,          hub_,
                turn_,           newcomers_,
                siblings.loops,  siblings.last_connection_id,
-               memory_reads_,   siblings.rooms,
-               siblings.moments},
+               memory_reads_,   past_reads_,
+               siblings.rooms,  siblings.moments},
       io_(1),
       turn_(io_, turn_settings(config), shared.log,
             [this] {
@@ -81,6 +78,13 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
       tick_(io_.get_executor()),
       beat_(io_.get_executor()) {
   context_.arm_beat = [this] { arm_beat(); };
+}
+
+FairReads Loop::reads_on(asio::thread_pool& threads) {
+  return {[this, &threads](FairReads::Work work) {
+            asio::post(threads, [guard = asio::make_work_guard(io_), work = std::move(work)] { work(); });
+          },
+          [this](FairReads::Work work) { asio::post(io_, std::move(work)); }};
 }
 
 void Loop::begin() {

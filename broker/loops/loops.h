@@ -11,7 +11,7 @@
 
 #include "broker/context/context.h"
 #include "broker/relay/hub.h"
-#include "broker/relay/memory_reads.h"
+#include "broker/relay/fair_reads.h"
 #include "broker/relay/mirror.h"
 #include "broker/relay/moments.h"
 #include "broker/relay/rooms.h"
@@ -51,6 +51,7 @@ class Loop {
   void arm_schedule();
 
  private:
+  FairReads reads_on(boost::asio::thread_pool& threads);
   void tick();
   void tick_some();
   void arm_beat();
@@ -60,7 +61,7 @@ class Loop {
   void visit_some(std::vector<Connection*>& left, const Set& those, void (Connection::*visit)(), void (Loop::*again)());
 
   Hub hub_;
-  MemoryReads memory_reads_;
+  FairReads memory_reads_, past_reads_;
   Context context_;  // Pending handlers end with the loop below and need the members above.
   asio::io_context io_;
   Turn turn_;

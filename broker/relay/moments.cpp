@@ -30,33 +30,31 @@ void Moments::Stream::advance(TimeUs now_us) {
 
 Moments::Seat Moments::join(const std::string& group, const std::string& stream) {
   const std::lock_guard lock(mutex_);
-  const Entry joined = groups_.try_emplace(group).first;
-  joined->second.viewers[++last_].stream = stream;
-  ++joined->second.streams[stream].viewers;
-  seats_[last_] = joined;
+  const auto joined = groups_.try_emplace(group).first;
+  const auto watched = joined->second.streams.try_emplace(stream).first;
+  ++joined->second.viewers;
+  ++watched->second.viewers;
+  viewers_.emplace(++last_, Viewer{joined, watched});
   return last_;
 }
 
 void Moments::leave(Seat seat) {
   const std::lock_guard lock(mutex_);
-  const auto found = seats_.find(seat);
-  if (found == seats_.end()) return;
-  const Entry entry = found->second;
+  const auto found = viewers_.find(seat);
+  if (found == viewers_.end()) return;
+  const auto [entry, stream] = found->second;
+  viewers_.erase(found);
   Group& group = entry->second;
-  const auto viewer = group.viewers.find(seat);
-  const auto stream = group.streams.find(viewer->second.stream);
+  group.waited_for.erase(seat);
   if (--stream->second.viewers == 0) group.streams.erase(stream);
-  group.viewers.erase(viewer);
-  seats_.erase(found);
-  if (group.viewers.empty()) groups_.erase(entry);
+  if (--group.viewers == 0) groups_.erase(entry);
 }
 
 void Moments::note_arrival(Seat seat, TimeUs lag_us, TimeUs now_us) {
   const std::lock_guard lock(mutex_);
-  const auto found = seats_.find(seat);
-  if (found == seats_.end()) return;
-  Group& group = found->second->second;
-  Stream& stream = group.streams.at(group.viewers.at(seat).stream);
+  const auto found = viewers_.find(seat);
+  if (found == viewers_.end()) return;
+  Stream& stream = found->second.stream->second;
   lag_us = bounded(lag_us);
   const bool stray = stream.fastest() && std::abs(lag_us - *stream.fastest()) > kStrayUs;
   if (stray || now_us - stream.window_us >= kWindowUs) {
@@ -67,39 +65,42 @@ void Moments::note_arrival(Seat seat, TimeUs lag_us, TimeUs now_us) {
   stream.fastest_us = std::min(stream.fastest_us.value_or(lag_us), lag_us);
 }
 
-void Moments::report(Seat seat, TimeUs needed_lag_us, TimeUs now_us) {
+void Moments::report(Seat seat, const std::string& holder, TimeUs needed_lag_us, TimeUs now_us) {
   const std::lock_guard lock(mutex_);
-  const auto found = seats_.find(seat);
-  if (found == seats_.end()) return;
-  Viewer& viewer = found->second->second.viewers.at(seat);
-  viewer.needs_us = bounded(needed_lag_us);
-  viewer.said_us = now_us;
+  const auto found = viewers_.find(seat);
+  if (found == viewers_.end()) return;
+  Group& group = found->second.group->second;
+  auto known = group.waited_for.find(seat);
+  if (known == group.waited_for.end()) {
+    if (!group.places.fits(holder, 1, kMaxWaitedFor)) return;
+    known = group.waited_for.emplace(seat, WaitedFor{&found->second.stream->second, 0, 0, {}}).first;
+    known->second.place = group.places.hold(holder, 1);
+  }
+  known->second.needs_us = bounded(needed_lag_us);
+  known->second.said_us = now_us;
 }
 
 void Moments::refresh(Group& group, TimeUs now_us, TimeUs max_delay_us) {
   group.refreshed_us = now_us;
-  TimeUs delay = 0;
-  for (const auto& [seat, viewer] : group.viewers) {
-    const auto fastest = group.streams.at(viewer.stream).fastest();
-    if (fastest && viewer.said_us && now_us - *viewer.said_us < kForgetUs)
-      delay = std::max(delay, viewer.needs_us - *fastest);
-  }
-  delay = std::min(delay, max_delay_us);
-  for (auto& [name, stream] : group.streams) {
-    const auto fastest = stream.fastest();
-    if (!fastest) continue;
-    if (stream.goal_us) stream.advance(now_us);  // Towards the goal that was true meanwhile.
-    stream.goal_us = *fastest + delay;
-  }
+  TimeUs delay_us = 0;
+  std::erase_if(group.waited_for, [&](const auto& one) {
+    const WaitedFor& viewer = one.second;
+    if (now_us - viewer.said_us >= kForgetUs) return true;
+    if (const auto fastest = viewer.stream->fastest()) delay_us = std::max(delay_us, viewer.needs_us - *fastest);
+    return false;
+  });
+  group.delay_us = std::min(delay_us, max_delay_us);
 }
 
 std::optional<TimeUs> Moments::lag_us(Seat seat, TimeUs now_us, TimeUs max_delay_us) {
   const std::lock_guard lock(mutex_);
-  const auto found = seats_.find(seat);
-  if (found == seats_.end()) return std::nullopt;
-  Group& group = found->second->second;
+  const auto found = viewers_.find(seat);
+  if (found == viewers_.end()) return std::nullopt;
+  Group& group = found->second.group->second;
   if (!group.refreshed_us || now_us - *group.refreshed_us >= kRefreshUs) refresh(group, now_us, max_delay_us);
-  Stream& stream = group.streams.at(group.viewers.at(seat).stream);
+  Stream& stream = found->second.stream->second;
+  if (stream.goal_us) stream.advance(now_us);  // Towards the goal that was true meanwhile.
+  if (const auto fastest = stream.fastest()) stream.goal_us = *fastest + group.delay_us;
   if (!stream.goal_us) return std::nullopt;
   stream.advance(now_us);
   return stream.shown_us;

@@ -55,6 +55,18 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   }
 }
 
+void Outbox::miss(std::uint32_t stream_id, std::size_t frames) {
+  Lane* lane = find(stream_id);
+  if (lane == nullptr) return;
+  skip(*lane, lane->key);
+  skip(*lane, lane->pose);
+  lane->newest.reset();
+  lane->wants_join = true;
+  lane->dropped += frames;
+  lane->counts.dropped += frames;
+  dropped_total_ += frames;
+}
+
 std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
   if (!control_.empty()) {
     Item item{std::move(control_.front()), nullptr};

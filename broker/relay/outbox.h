@@ -38,6 +38,7 @@ class Outbox {
   };
 
   static constexpr std::size_t kTextBytes = 64;  ///< What a Text takes besides its characters.
+  static constexpr double kOfferUs = 0.035;      ///< About what offering a frame takes, whether it leaves or not.
 
   struct Item {  ///< One of the two is set.
     Text text;
@@ -86,6 +87,9 @@ class Outbox {
   void hold_from(TimeUs when_us) { hold_from_us_ = acknowledges_ ? ReaderWatch::kNever : when_us; }
   /// Frames of all clients wait until then.
   void hold_until(TimeUs when_us) { hold_until_us_ = when_us; }
+  bool is_held(TimeUs now_us) const { return now_us < hold_until_us_; }
+  /// Leaves out so many frames, and what waits, for a fraction of what offer() takes: a join comes next.
+  void miss(std::uint32_t stream_id, std::size_t frames);
 
   /// Frames dropped since the last call, per lane; lanes without any are left out.
   std::vector<Dropped> take_dropped();
@@ -133,7 +137,7 @@ class Outbox {
     return lane.newest && (frame.builds_on < *lane.newest || step_is_past);
   }
   bool window_closed(const Lane& lane, TimeUs now_us) const {
-    return now_us >= hold_from_us_ || now_us < hold_until_us_ || (acknowledges_ && in_flight_too_long(lane, now_us));
+    return now_us >= hold_from_us_ || is_held(now_us) || (acknowledges_ && in_flight_too_long(lane, now_us));
   }
   bool in_flight_too_long(const Lane& lane, TimeUs now_us) const;
   FramePtr next_of(Lane& lane, const JoinSource& join_of);

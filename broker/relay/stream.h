@@ -223,7 +223,8 @@ class Stream {
   /// the one that was returned for the key before. Adds about how long coding it took, if it was not coded before, to
   /// `work_us`, or to what take_unpaid_us() returns.
   const KeyRecordPtr& plain(double* work_us = nullptr) const;
-  /// What its sender made it do besides decoding, since the last call: traces, changes of chains, keys coded anew.
+  /// What its sender made it do besides decoding, since the last call: keys for each viewer, traces, changes of chains,
+  /// keys coded anew.
   double take_unpaid_us() { return std::exchange(unpaid_us_, 0); }
 
   // For mirrors of a stream of another loop.

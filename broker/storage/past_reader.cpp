@@ -25,15 +25,15 @@ double thread_us() {
   return static_cast<double>(time.tv_sec) * 1e6 + static_cast<double>(time.tv_nsec) / 1e3;
 }
 
+}  // namespace
+
 template <typename Work>
-Result<Passage> timed(Work work) {
+Result<Passage> PastReader::timed(Work work) {
   const double before_us = thread_us();
   auto passage = work();
-  if (passage) passage->work_us = thread_us() - before_us;
+  took_us_ = thread_us() - before_us;
   return passage;
 }
-
-}  // namespace
 
 Result<Passage> PastReader::seek(const control::Seek& wanted, TimeUs origin_us) {
   return timed([&] { return find(wanted, origin_us); });

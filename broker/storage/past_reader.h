@@ -26,8 +26,7 @@ struct Passage {
   };
   std::optional<Beginning> begins;  ///< Its first key builds on nothing before it.
   std::deque<Pose> poses;
-  bool ends = false;   ///< Nothing more is kept behind these.
-  double work_us = 0;  ///< Computing that it took.
+  bool ends = false;  ///< Nothing more is kept behind these.
 };
 
 /// Reads what a Recorder keeps of one stream, also while it is written: from any time on, decoded. Blocks on the disk.
@@ -46,8 +45,11 @@ class PastReader {
   Result<Passage> seek(const control::Seek& wanted, TimeUs origin_us);
   /// What follows up to a time, or a part of it; beyond a gap its first pose. Errors: as seek().
   Result<Passage> go_on(TimeUs until_us);
+  double took_us() const { return took_us_; }  ///< Computing that the last of these took, also where it failed.
 
  private:
+  template <typename Work>
+  Result<Passage> timed(Work work);
   Result<Passage> find(const control::Seek& wanted, TimeUs origin_us);
   Result<void> enter(const Recorder::Piece& piece);
   /// Nothing: there is none yet, or none at all (ended_).
@@ -75,6 +77,7 @@ class PastReader {
   std::string announced_;            ///< That the decoder follows.
   std::uint32_t generation_ = 0;
   std::map<std::string, std::shared_ptr<const MemorySegment>> segments_;  ///< Of the memory.
+  double took_us_ = 0;
   bool anew_ = true;                                                      ///< The next key begins an epoch.
   KeyRecordPtr last_;                                                     ///< As it was handed out.
   TimeUs first_capture_us_ = 0, origin_us_ = 0;                           ///< Where times of capture went.

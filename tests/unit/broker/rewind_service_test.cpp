@@ -21,6 +21,7 @@ class RewindServiceTest : public ServiceTest {
   using Seek = control::Seek;
   using StreamInfo = control::StreamInfo;
   static constexpr TimeUs kSecond = 1'000'000, kEvery = kSecond / 30;
+  static constexpr TimeUs kSendersClock = 3600 * kSecond;  ///< Ahead: this machine may have started just now.
   static constexpr int kKeys = 170 * 30;
   static inline const std::string kStream = "lab/horse";
 
@@ -46,7 +47,8 @@ class RewindServiceTest : public ServiceTest {
     sender.tag = stream.tag();
     TimeUs now_us = steady_now_us() - 180 * kSecond;
     first_us_ = recorder.unix_from_steady(now_us);
-    for (int i = 0; i < kKeys; ++i, now_us += kEvery) ASSERT_TRUE(stream.add_frame(sender.next(now_us), now_us));
+    for (int i = 0; i < kKeys; ++i, now_us += kEvery)
+      ASSERT_TRUE(stream.add_frame(sender.next(kSendersClock + now_us), now_us));
     stream.release(sender);
   }
   /// Of a moment in the past.
@@ -147,6 +149,18 @@ TEST_F(RewindServiceTest, PlaysOnAndReturnsToLiveByItself) {
   client->send(Seek{kStream, limits::kMaxTimeUs});
   ASSERT_EQ(answer(*client, live), "");
   EXPECT_FALSE(live.rewind);
+}
+
+TEST_F(RewindServiceTest, TheBrokerEndsWhileAViewerThatSaysNothingSeesThePast) {
+  stop();
+  config_.timeouts.shutdown_ms = 50;
+  start();
+  auto client = viewer();
+  client->send(Seek{kStream, at(300), false, 0.5});
+  StreamInfo past;
+  ASSERT_EQ(answer(*client, past), "");
+  ASSERT_TRUE(client->next_frame());
+  stop();
 }
 
 TEST_F(RewindServiceTest, PosesBetweenKeysArePacedAsLive) {

@@ -39,7 +39,7 @@ Backbone::Environment Site::environment() {
   };
   around.replaces = [this] { return replaces_; };
   around.remembers = [] { return true; };
-  around.read_memory = [this](const std::string& holder, const MemoryReads::Read& read) {
+  around.read_memory = [this](const std::string& holder, const FairReads::Read& read) {
     if (!reads_memories) {
       reads.emplace_back(holder, read);
     } else if (read.wanted()) {

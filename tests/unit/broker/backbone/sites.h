@@ -34,7 +34,7 @@ class Site {
   std::unique_ptr<Backbone> backbone;
   std::unique_ptr<Hub> hub;
   bool reads_memories = true;  ///< At once; else they wait here, by holder.
-  std::vector<std::pair<std::string, MemoryReads::Read>> reads{};
+  std::vector<std::pair<std::string, FairReads::Read>> reads{};
 
  private:
   Backbone::Environment environment();

@@ -5,15 +5,18 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <deque>
+#include <future>
 #include <thread>
 #include <utility>
 
+#include "broker/connections/rewind.h"
 #include "broker/loops/loops.h"
-#include "broker/relay/memory_reads.h"
+#include "broker/relay/fair_reads.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/history.h"
@@ -51,14 +54,17 @@ std::string masked_text(std::string_view text) {
 /// One event loop, which the test runs, and the other end of a connection.
 class ConnectionTest : public ::testing::Test {
  protected:
-  std::shared_ptr<Counting> connect() {
-    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends_.data()), 0);
+  Context& begin() {
     loops_ = std::make_unique<Loops>(
         config_,
         SharedContext{disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "test", "session"},
         std::vector<StreamTap*>{});
     loops_->first().begin();
-    Context& context = loops_->first().context();
+    return loops_->first().context();
+  }
+  std::shared_ptr<Counting> connect() {
+    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends_.data()), 0);
+    Context& context = begin();
     Socket socket(context.loop.get_executor());
     socket.assign(Tcp::v4(), ends_[1]);
     auto grant = gate_.accept(IpAddress::from_text("127.0.0.1").value(), 0, steady_now_us());
@@ -79,7 +85,11 @@ class ConnectionTest : public ::testing::Test {
                       .include_asset = false},
                      *assets_,
                      {}};
-  History history_{{.folder = folder_.file("history"), .software = "test", .streams = {}}, *assets_, {}};
+  History history_{{.folder = folder_.file("history"),
+                    .software = "test",
+                    .streams = StreamPatterns::from(std::vector<std::string>{"**"}).value()},
+                   *assets_,
+                   {}};
   SoleOwnership ownership_{[]() -> Result<std::uint32_t> { return 1; }};
   asio::thread_pool disk_{1};
   std::unique_ptr<Loops> loops_;
@@ -105,10 +115,41 @@ TEST_F(ConnectionTest, ReadsNothingOnceClosed) {
   EXPECT_EQ(connection->messages, connection->messages_when_closed);
 }
 
-TEST(MemoryReadsTest, OneAtATimeAndHoldersInTurns) {
-  std::deque<MemoryReads::Work> loading, loop;
-  MemoryReads reads([&](MemoryReads::Work work) { loading.push_back(std::move(work)); },
-                    [&](MemoryReads::Work work) { loop.push_back(std::move(work)); });
+/// Pays, and is told nothing.
+struct PastViewer final : Rewind::Viewer {
+  bool show_past(Rewind&, Stream*) override { return false; }
+  void show_present(const Rewind&) override {}
+  void refuse_seek(const Rewind&, const Error&) override {}
+  TimeUs pay(double) override { return ++paid, 0; }
+  std::shared_ptr<void> lifetime() override { return alive; }
+  int paid = 0;
+  std::shared_ptr<int> alive = std::make_shared<int>();
+};
+
+TEST_F(ConnectionTest, SeeksThatNobodyWaitsForAreNotReadAndWhatWasIsPaid) {
+  Context& context = begin();
+  std::promise<void> reads;
+  asio::post(disk_, [go = reads.get_future().share()] { go.wait(); });
+  PastViewer viewer;
+  std::vector<std::weak_ptr<Rewind>> sought;
+  for (int i = 0; i < 200; ++i) {
+    const auto rewind = std::make_shared<Rewind>(context, viewer, control::Seek{"lab/horse", 5}, "who", Profile{},
+                                                 std::shared_ptr<void>());
+    rewind->seek({"lab/horse", 5});
+    rewind->stop();
+    sought.push_back(rewind);
+  }
+  const auto left = [&] { return std::ranges::count_if(sought, [](const auto& one) { return !one.expired(); }); };
+  EXPECT_EQ(left(), 1) << "the one whose turn it was";
+  reads.set_value();
+  while (left() > 0) run();
+  EXPECT_EQ(viewer.paid, 1) << "though it had stopped";
+}
+
+TEST(FairReadsTest, OneAtATimeAndHoldersInTurns) {
+  std::deque<FairReads::Work> loading, loop;
+  FairReads reads([&](FairReads::Work work) { loading.push_back(std::move(work)); },
+                    [&](FairReads::Work work) { loop.push_back(std::move(work)); });
   std::string begun, done;
   const auto read = [&](char name, bool is_wanted = true) {
     return reads.push(std::string(1, name),

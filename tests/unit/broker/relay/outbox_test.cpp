@@ -353,6 +353,25 @@ TEST_F(OutboxTest, FramesWaitUntilTheyArePaidFor) {
   EXPECT_EQ(take(), -3) << "the newest, by a join";
 }
 
+TEST_F(OutboxTest, WhoMissesFramesGetsAJoinOnce) {
+  join_at(1);
+  EXPECT_EQ(take(), -1);
+  offer_key(2);
+  outbox_.hold_until(500);
+  EXPECT_TRUE(outbox_.is_held(499));
+  outbox_.miss(1, 3);
+  outbox_.miss(2, 5);  // It is not watched.
+  EXPECT_EQ(outbox_.dropped_total(), 4u) << "and the one that waited";
+  EXPECT_EQ(take(), std::nullopt);
+  now_ = 500;
+  EXPECT_FALSE(outbox_.is_held(now_));
+  join_at(5);
+  EXPECT_EQ(take(), -5);
+  EXPECT_EQ(take(), std::nullopt);
+  offer_key(6);
+  EXPECT_EQ(take(), 6);
+}
+
 TEST_F(OutboxTest, OnlyTheLatestPongIsSent) {
   while (outbox_.push_droppable(text("control"))) {
   }

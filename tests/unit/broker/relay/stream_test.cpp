@@ -319,6 +319,14 @@ TEST_F(StreamTest, TracesArePaidByHowManyAreTold) {
   EXPECT_TRUE(receivers[30].traces.empty());
 }
 
+TEST_F(StreamTest, KeysArePaidByHowManyWatch) {
+  std::vector<FakeReceiver> receivers(1'000);
+  for (FakeReceiver& receiver : receivers) ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  begin();
+  play(3);
+  EXPECT_GE(stream_.take_unpaid_us(), 3 * 30.0) << "whether they leave or not";
+}
+
 TEST_F(StreamTest, CrowdsThatAskForTracesCostTheSenderLittle) {
   std::vector<FakeReceiver> crowd;
   for (int i = 0; i < 300; ++i) crowd.emplace_back("address " + std::to_string(i % 3));

@@ -27,6 +27,7 @@ using testing::small_layout;
 class HistoryTest : public ::testing::Test {
  protected:
   static constexpr TimeUs kSecond = 1'000'000, kMinute = 60 * kSecond;
+  static constexpr TimeUs kSendersClock = 60 * kMinute;  ///< Ahead: this machine may have started just now.
 
   HistoryTest() {
     settings_.folder = folder_.file("history");
@@ -53,7 +54,8 @@ class HistoryTest : public ::testing::Test {
     sender_.tag = stream_->tag();
   }
   void send(int keys, TimeUs every_us = kSecond / 30) {
-    for (int i = 0; i < keys; ++i, now_us_ += every_us) ASSERT_TRUE(stream_->add_frame(sender_.next(now_us_), now_us_));
+    for (int i = 0; i < keys; ++i, now_us_ += every_us)
+      ASSERT_TRUE(stream_->add_frame(sender_.next(kSendersClock + now_us_), now_us_));
   }
   void stall() { stream_->release(sender_); }
   /// All that was sent is in files that have ended.
@@ -283,9 +285,9 @@ TEST_F(HistoryTest, AHolderBeyondItsShareLosesItsOwn) {
   // One sends for two minutes, the other for fifty.
   TimeUs now_us = steady_now_us() - 55 * kMinute;
   for (int i = 0; i < 50 * 60; ++i, now_us += kSecond) {
-    ASSERT_TRUE(streams[0]->add_frame(senders[0].next(now_us), now_us));
+    ASSERT_TRUE(streams[0]->add_frame(senders[0].next(kSendersClock + now_us), now_us));
     if (i >= 120) continue;
-    ASSERT_TRUE(streams[1]->add_frame(senders[1].next(now_us), now_us));
+    ASSERT_TRUE(streams[1]->add_frame(senders[1].next(kSendersClock + now_us), now_us));
   }
   ASSERT_TRUE(eventually([&] {
     return history_->kept->totals().queued_bytes == 0 &&
@@ -333,7 +335,8 @@ TEST_F(HistoryTest, KeysOfAMemoryAreSeenWithoutIt) {
   stream_->set_memory(std::make_shared<const Generation>(Generation{1, 1, memory, {held}}));
   std::vector<Key> sent;
   for (std::uint32_t i = 3; i < 60 * 30; ++i, now_us_ += kSecond / 20) {
-    ASSERT_TRUE(stream_->add_frame(sender_.next_recalled(now_us_, memory, PoseMemory::kParts * (i % 150)), now_us_));
+    const std::uint32_t phase = PoseMemory::kParts * (i % 150);
+    ASSERT_TRUE(stream_->add_frame(sender_.next_recalled(kSendersClock + now_us_, memory, phase), now_us_));
     sent.push_back(sender_.sent());
   }
   ASSERT_TRUE(eventually([&] { return pieces().size() >= 2 && pieces().back().to_us >= at(now_us_ - kSecond / 20); }));

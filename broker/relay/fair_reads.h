@@ -9,9 +9,9 @@
 
 namespace eigencast::broker {
 
-/// Memories of poses that are to be read, of senders here and at other brokers: one at a time, holders in fair turns,
-/// as one may take a thread of the disk for a second, and downloads need these. Belongs to the first loop.
-class MemoryReads {
+/// What is to be read from the disk: one at a time, holders in fair turns, as one may take a thread for a second that
+/// others need. Belongs to one loop.
+class FairReads {
  public:
   using Work = std::function<void()>;
   struct Read {
@@ -22,7 +22,7 @@ class MemoryReads {
 
   /// on_disk  runs work where it may block; all of it ends before this does
   /// on_loop  runs work on the loop; thread-safe
-  MemoryReads(std::function<void(Work)> on_disk, std::function<void(Work)> on_loop)
+  FairReads(std::function<void(Work)> on_disk, std::function<void(Work)> on_loop)
       : on_disk_(std::move(on_disk)), on_loop_(std::move(on_loop)) {}
 
   /// False: its holder has its share of what may wait; one without a name is spared.
