@@ -195,8 +195,16 @@ Result<void> Grant::take(Resource resource) {
     return over(holders_[i], kResourceNames[index], max);
   }
   if (has_site()) site_->resources[index].add(1);
+  if (resource == Resource::kStream) gate_.watched_streams_.add(1);
   ++taken_[index];
   return {};
+}
+
+Result<void> Grant::take_watched_stream() {
+  const std::int64_t max = policy_->max_watched_streams();
+  const std::int64_t own = site_->resources[static_cast<std::size_t>(Resource::kStream)].count();
+  if (own >= share_of(max, gate_.watched_streams_.count(), own, spared_)) return too_few_free("max_watched_streams", max);
+  return take(Resource::kStream);
 }
 
 void Grant::give_back(Resource resource) {
@@ -207,6 +215,7 @@ void Grant::count(Resource resource, std::int64_t amount) {
   const auto index = static_cast<std::size_t>(resource);
   taken_[index] += amount;
   for (Holder& holder : holders_) holder.account->resources[index].add(amount);
+  if (resource == Resource::kStream) gate_.watched_streams_.add(amount);
   if (has_site()) site_->resources[index].add(amount);
 }
 

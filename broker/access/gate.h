@@ -117,6 +117,8 @@ class Grant {
   void give_back(Resource resource);
   /// Takes one of `max` of all, of which `used` are in use, within the holder's share_of() them. Errors: as take().
   Result<void> take_share(Resource resource, std::int64_t max, std::int64_t used);
+  /// Takes kStream, within the holder's share_of() limits.max_watched_streams. Errors: as take().
+  Result<void> take_watched_stream();
   /// Takes kConnection, within the holder's share_of() limits.max_connections while `open` others are open, over from
   /// `former`, if that has it, whose it stays on failure. On the thread of Gate::accept(). Errors: as take().
   Result<void> take_place(std::int64_t open, Grant* former = nullptr);
@@ -226,7 +228,7 @@ class Gate {
   std::shared_ptr<const AccessPolicy> policy_;  ///< GUARDED_BY(policy_mutex_)
   Ledger addresses_;
   Ledger tokens_;
-  UseCount unfinished_bytes_;
+  UseCount watched_streams_, unfinished_bytes_;
   std::atomic<std::uint64_t> denied_{0};
 };
 

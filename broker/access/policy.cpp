@@ -162,6 +162,7 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   policy->of_address_ = quota_from(config.per_address);
   policy->of_token_ = quota_from(config.per_token);
   policy->max_connections_ = config.limits.max_connections;
+  policy->max_watched_streams_ = config.limits.max_watched_streams;
   policy->max_unfinished_bytes_ = config.limits.max_unfinished_bytes;
   policy->failures_per_minute_ = config.access.failures_per_minute;
   policy->expiry_disconnects_ = config.access.expiry_disconnects;

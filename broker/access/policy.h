@@ -106,6 +106,7 @@ class AccessPolicy {
   const TokenRules& token_rules() const { return tokens_; }
   const Quota& quota(bool of_token) const { return of_token ? of_token_ : of_address_; }
   std::int64_t max_connections() const { return max_connections_; }            ///< Of all together.
+  std::int64_t max_watched_streams() const { return max_watched_streams_; }    ///< The same.
   std::int64_t max_unfinished_bytes() const { return max_unfinished_bytes_; }  ///< The same.
   std::int64_t failures_per_minute() const { return failures_per_minute_; }
   bool expiry_disconnects() const { return expiry_disconnects_; }
@@ -133,6 +134,7 @@ class AccessPolicy {
   Quota of_address_;
   Quota of_token_;
   std::int64_t max_connections_ = 0;
+  std::int64_t max_watched_streams_ = 0;
   std::int64_t max_unfinished_bytes_ = 0;
   std::int64_t failures_per_minute_ = 0;
   bool expiry_disconnects_ = true;

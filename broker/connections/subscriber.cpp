@@ -95,7 +95,7 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     return answer(fail(ErrorCode::kTooLarge, "this connection watches " + std::to_string(limit) +
                                                  " streams, the most that limits.max_streams_per_connection allows"));
   }
-  if (auto taken = watched ? Result<void>() : grant().take(Resource::kStream); !taken) return answer(taken.error());
+  if (auto taken = watched ? Result<void>() : grant().take_watched_stream(); !taken) return answer(taken.error());
   const auto charge = [this] { return grant().hold(Resource::kWaitingStream); };
   const auto stream = context().hub.open(request.stream, charge, holder());
   if (!stream) {

@@ -176,7 +176,7 @@ std::optional<TimeUs> Outbox::round_trip_us() const {
 
 bool Outbox::in_flight_too_long(const Lane& lane, TimeUs now_us) const {
   if (lane.in_flight.empty()) return false;
-  const TimeUs allowed = round_trip_us().value_or(0) + limits_.window_slack_us;
+  const TimeUs allowed = std::min(round_trip_us().value_or(0), limits_.max_round_trip_us) + limits_.window_slack_us;
   return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last.sent_us < limits_.probe_us;
 }
 

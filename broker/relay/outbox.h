@@ -33,6 +33,7 @@ class Outbox {
     std::size_t max_control_messages = 256;       ///< Overflow disconnects (default: 256).
     std::size_t max_control_bytes = 1024 * 1024;  ///< Overflow disconnects (default: 1 MiB).
     TimeUs window_slack_us = 100'000;             ///< In flight beyond the round trip (default: 100 ms).
+    TimeUs max_round_trip_us = 2'000'000;         ///< A longer one counts as this (default: 2 s).
     TimeUs probe_us = 5'000'000;                  ///< A closed window passes one frame per period (default: 5 s).
     std::size_t max_in_flight = 512;  ///< Unacknowledged frames remembered per lane; older ones are dropped.
   };

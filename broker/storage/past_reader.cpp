@@ -15,6 +15,8 @@ namespace {
 using recording::Record;
 using recording::Type;
 
+constexpr std::size_t kRecordBytes = 512;  // What a key takes besides its payload and numbers.
+
 std::string_view text_of(const Record& record) {
   return {reinterpret_cast<const char*>(record.body.data()), record.body.size()};
 }
@@ -103,7 +105,7 @@ Result<Passage> PastReader::go_on(TimeUs until_us) {
       newest_us_ = at_us;
       if (anew_ && !passage.poses.empty()) return passage;  // It begins the next passage.
       add_newest(passage);
-      bytes += memory_of(*passage.poses.back().key);
+      bytes += kRecordBytes + memory_of(*passage.poses.back().key);
     }
     passage.ends = ended_;
     return passage;

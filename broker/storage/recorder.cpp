@@ -67,6 +67,7 @@ struct Recorder::Session {
   bool wants_checkpoint = true;
   std::uint32_t memory = 0;  ///< The generation that the file has.
   TimeUs checkpoint_us = 0;
+  std::uint64_t keys = 0;  ///< Since then.
   TimeUs begun_us = 0;             ///< Arrival of its first key, where it is one of several files.
   bool follows = false;            ///< What the file before it ended with.
   bool goes_on = false;            ///< The file after it does so.
@@ -229,7 +230,8 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   }
   const bool recalls_more = record->generation > session.memory;
   const bool gap = session.wants_checkpoint || recalls_more;
-  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= settings_.checkpoint_us;
+  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= settings_.checkpoint_us ||
+                          ++session.keys >= settings_.checkpoint_keys;
   const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
   const std::int64_t bytes = kItemBytes + static_cast<std::int64_t>(held);
   const auto mine = queued_.find(stream.payer());
@@ -246,6 +248,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   KeyRecord state;
   if (checkpoint) {
     session.checkpoint_us = record->arrival_us;
+    session.keys = 0;
     state.sequence = record->sequence;
     state.capture_us = record->capture_us;
     state.after = record->after;

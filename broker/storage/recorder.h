@@ -48,7 +48,8 @@ class Recorder final : public StreamTap {
     bool include_asset = false;  ///< Include the asset's objects.
     std::int64_t max_queued_bytes = 16 << 20;
     std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all in the folder; one holder's: share_of() it.
-    TimeUs checkpoint_us = 1'000'000;                         ///< From one checkpoint to the next.
+    TimeUs checkpoint_us = 1'000'000;                         ///< From one checkpoint to the next, at most,
+    std::uint64_t checkpoint_keys = 2'000;                    ///< and so many keys.
     /// Not 0: only so much is kept, and no more than max_total_bytes; nothing is ended for that, nor synced.
     TimeUs keep_us = 0;
   };

@@ -783,6 +783,25 @@ TEST_F(GateTest, UnfinishedBytesAreLimited) {
   EXPECT_TRUE(a->hold_bytes(60'000));
 }
 
+TEST_F(GateTest, WatchedStreamsAreSharedOverAllConnections) {
+  config_.limits.max_watched_streams = 100;
+  config_.per_token.streams = 50;
+  const auto watch_all = [](const GrantPtr& grant) {
+    int watched = 0;
+    while (grant->take_watched_stream()) ++watched;
+    return watched;
+  };
+  const auto a = let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})));
+  EXPECT_EQ(watch_all(a), 20) << "a quarter of what is free";
+  EXPECT_EQ(watch_all(let_in(request_from("1.1.1.1", token_for("a", {}, {"**"})))), 0) << "on whatever connection";
+  auto b = let_in(request_from("2.2.2.2", token_for("b", {}, {"**"})));
+  EXPECT_EQ(watch_all(b), 16);
+  EXPECT_THAT(b->take_watched_stream().error().message, HasSubstr("limits.max_watched_streams = 100"));
+  b.reset();
+  a->give_back(Resource::kStream);
+  EXPECT_EQ(watch_all(a), 1) << "and what others gave back";
+}
+
 TEST_F(GateTest, HolderUsesUpFewEpochs) {
   const auto first = let_in(request_from("1.1.1.1", token_for("a", {"**"}, {})));
   for (double i = 0; i < Grant::kAnnouncementsPerHour; ++i) ASSERT_TRUE(first->take_announcement(false, kSecond));

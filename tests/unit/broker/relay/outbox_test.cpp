@@ -238,6 +238,20 @@ TEST_F(OutboxTest, WindowIsRoundTripPlusSlack) {
   EXPECT_EQ(take(), std::nullopt);
 }
 
+TEST_F(OutboxTest, WhoAcknowledgesLateGetsNoLongWindow) {
+  join_at(1);
+  take();
+  now_ += 60'000'000;
+  outbox_.acknowledge({1, 1, 0}, now_);
+  int sent = 0;
+  const TimeUs end_us = now_ + 4'900'000;
+  for (std::uint64_t s = 2; now_ < end_us; ++s, now_ += 10'000) {
+    offer_key(s);
+    while (take()) ++sent;
+  }
+  EXPECT_NEAR(sent, 210, 2) << "2 s and the slack";
+}
+
 TEST_F(OutboxTest, ClosedWindowStillProbes) {
   join_at(1);
   take();

@@ -162,6 +162,26 @@ TEST_F(HistoryTest, WhatIsStillBeingWrittenIsReadOn) {
   ASSERT_TRUE(eventually([&] { return reader.go_on(at(now_us_))->ends; }));
 }
 
+TEST_F(HistoryTest, ManyKeysHaveACheckpointToo) {
+  settings_.checkpoint_keys = 10;
+  start(10 * kSecond);
+  announce();
+  send(95, kSecond / 1000);
+  end();
+  int checkpoints = 0;
+  for (const auto& file : std::filesystem::directory_iterator(settings_.folder)) {
+    auto reader = recording::Reader::open(file.path());
+    ASSERT_TRUE(reader) << reader.error().message;
+    for (;;) {
+      const auto record = reader->next();
+      ASSERT_TRUE(record);
+      if (!*record) break;
+      checkpoints += (*record)->type == recording::Type::kCheckpoint ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(checkpoints, 10);
+}
+
 TEST_F(HistoryTest, GapsAreLeftOutAndAnotherAssetBeginsAnew) {
   start(100 * kSecond);
   announce();
