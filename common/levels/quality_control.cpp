@@ -13,6 +13,7 @@ constexpr double kLate = 100;   // of the largest error, for twice the time: bei
 constexpr double kRoom = 0.95;  // of the budget, for a change that costs time
 constexpr double kMostSaved = 0.95;
 constexpr double kSurprise = 1.5;  // of a change's time, at most, for what it was said to take
+constexpr double kStep = 0.5;      // of the rest of a picture
 constexpr int kWarm = 2;           // pictures that make programs and buffers
 
 double cost_of(std::span<const ObjectView> objects, std::uint32_t ObjectView::*count) {
@@ -83,6 +84,10 @@ QualityControl::Steps QualityControl::best(const Scene& scene, double budget_s) 
 void QualityControl::note_rest(double seconds) {
   rests_.push_back(std::max(seconds - levels_.slope_s() * levels_.drawn(), 0.0) / time_left(steps_));
   if (rests_.size() > kSteady) rests_.erase(rests_.begin());
+  // Pictures before a step of the load would outvote those after it for half of kSteady. No gait swings as far.
+  const auto steps = [this](double rest) { return std::abs(rest - median_rest_) > kStep * median_rest_; };
+  if (rests_.size() > kLearn && std::all_of(rests_.end() - kLearn, rests_.end(), steps))
+    rests_.erase(rests_.begin(), rests_.end() - kLearn);
   std::vector<double> sorted = rests_;
   const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
   std::nth_element(sorted.begin(), middle, sorted.end());

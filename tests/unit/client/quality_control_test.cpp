@@ -166,6 +166,24 @@ TEST(QualityControl, RecoversAfterALoad) {
   EXPECT_EQ(found.levels.back(), 1);
 }
 
+// What vertices cost there is a guess until their number changes: far too high, or far too low.
+TEST(QualityControl, ASuddenLoadOnAFastMachineIsAnsweredInTime) {
+  for (const double vertices : {0.03, 0.1, 0.4, 0.8, 0.95}) {
+    for (const double load : {4.0, 8.0}) {
+      const double whole = 0.35 / kF0;
+      const KnobMachine machine{.fixed = (1 - vertices) * whole, .vertices = vertices * whole, .load = [load](int i) {
+                                  return i < 200 ? 1 : load;
+                                }};
+      const PlayedPictures found = played_on(machine, 700);
+      EXPECT_LE(found.late(200, 230) * 30, 12) << vertices << " x " << load;
+      EXPECT_LE(found.late(230, 700), 0.02) << vertices << " x " << load;
+      double at_first = 0, at_last = 0;
+      for (std::size_t i = 0; i < 60; ++i) at_first += found.errors[240 + i], at_last += found.errors[640 + i];
+      EXPECT_LE(at_first, 1.15 * at_last) << vertices << " x " << load;
+    }
+  }
+}
+
 TEST(QualityControl, NeverOscillates) {
   // A load that swings just where the choice turns over, more slowly than it is learned, or faster.
   for (const int period : {40, 200, 700}) {
