@@ -21,8 +21,10 @@ constexpr std::size_t kNearest = 8;            // rows that are tried as corners
 constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
-constexpr double kInAir = 0.53;   // of a disc's radius, from its edge to the nearest point
-constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
+constexpr double kInAir = 0.53;   // of a disc's radius, from two opposite ends to their nearest points
+constexpr double kOverRim = 0.7;  // likewise, from one
+constexpr double kShrink = 0.92;
+constexpr double kRadius = 0.8;  // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
 class SplatBuilder {
  public:
@@ -104,24 +106,23 @@ class SplatBuilder {
   }
 
   /// A disc's radius, at most `reach`, of which no two opposite ends lie in the air: else it is wider than its limb.
+  /// Over a rim none reaches far, but for half of its radius, without which the rim would have holes.
   double within_limb(std::uint32_t i, double reach, double least, const Neighbours& neighbours) const {
     if (i >= kFinestFrame) return reach;
     const Vec3& n = normals_[i];
     const Vec3 t = unit(cross(n, std::abs(n[0]) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0})), s = cross(n, t);
-    const auto in_air = [&](double along_t, double along_s) {
-      const Vec3 end = x_[i] + along_t * t + along_s * s;
+    const auto in_air = [&](const Vec3& along, double part) {
+      const Vec3 end = x_[i] + reach * along;
       const auto nearest = neighbours.nearest(end, 1);
-      return !nearest.empty() && length(x_[nearest.front()] - end) > kInAir * reach;
+      return !nearest.empty() && length(x_[nearest.front()] - end) > part * reach;
     };
-    const auto is_wider = [&] {
-      constexpr double kHalf = std::numbers::sqrt2 / 2;
-      for (const auto& [c, d] :
-           {std::pair(1.0, 0.0), std::pair(0.0, 1.0), std::pair(kHalf, kHalf), std::pair(kHalf, -kHalf)}) {
-        if (in_air(c * reach, d * reach) && in_air(-c * reach, -d * reach)) return true;
-      }
-      return false;
-    };
-    while (reach > least && is_wider()) reach *= 0.92;
+    constexpr double kHalf = std::numbers::sqrt2 / 2;
+    const std::array<Vec3, 4> ways{t, s, kHalf * (t + s), kHalf * (t - s)};
+    const auto is_wider = [&](const Vec3& way) { return in_air(way, kInAir) && in_air(-1 * way, kInAir); };
+    const auto is_over_rim = [&](const Vec3& way) { return in_air(way, kOverRim) || in_air(-1 * way, kOverRim); };
+    while (reach > least && std::any_of(ways.begin(), ways.end(), is_wider)) reach *= kShrink;
+    const double least_at_rim = std::max(least, reach / 2);
+    while (reach > least_at_rim && std::any_of(ways.begin(), ways.end(), is_over_rim)) reach *= kShrink;
     return std::max(reach, least);
   }
 

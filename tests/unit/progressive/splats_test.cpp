@@ -159,6 +159,26 @@ TEST(Splats, DiscsOfALimbAreNotWiderThanItIs) {
   }
 }
 
+// A plate as thin as an ear. Some of each disc at its rim is over it, or there would be holes along it.
+TEST(Splats, DiscsAtARimReachLittleBeyondIt) {
+  const Cloud cloud(make_box(80, 80, 1, {1, 1, 0.01}));
+  for (const double share : {0.02, 0.03, 0.05}) {
+    const auto N = static_cast<std::uint32_t>(share * static_cast<double>(cloud.rows.size()));
+    const std::vector<double> radii = cloud.radii(N);
+    double sum = 0, worst = 0;
+    int at_rim = 0;
+    for (std::uint32_t i = 0; i < N; ++i) {
+      if (std::abs(cloud.normals[i][2]) < 0.9) continue;  // of the rim itself
+      const double beyond = std::max(std::abs(cloud.rows[i][0]), std::abs(cloud.rows[i][1])) + radii[i] - 0.5;
+      if (beyond <= 0) continue;
+      ++at_rim, sum += beyond, worst = std::max(worst, beyond);
+    }
+    const double apart = std::sqrt(2.0 / N);  // on two sides
+    EXPECT_LE(worst, 0.68 * apart) << N;
+    EXPECT_LE(sum / at_rim, 0.33 * apart) << N;
+  }
+}
+
 TEST(Splats, FewOrCoincidentPointsAreStable) {
   for (const std::vector<Vec3>& points :
        {std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, std::vector<Vec3>(12, Vec3{1, 2, 3})}) {
