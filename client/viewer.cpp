@@ -104,6 +104,7 @@ class Viewer final : public WindowListener {
   }
 
   bool closed() const { return window_.close_wanted() || state_.quit; }
+  bool lost() const { return window_.is_lost(); }
   /// One turn: input, poses, a picture if either changed it, then files that the user wants.
   void turn() {
     window_.poll_events(redraw_ == 0 && session_->sources().empty() && !state_.turntable ? kEmptyWaitS : 0);
@@ -455,6 +456,10 @@ int run_window(const ClientOptions& options, std::span<PoseSource* const> source
     if (options.duration_s > 0 && static_cast<double>(steady_now_us() - start) / 1e6 >= options.duration_s) break;
     if (options.frames > 0 && viewer.session().scene().poses_shown() >= options.frames) break;
     viewer.turn();
+  }
+  if (viewer.lost()) {
+    log(log_sink, LogLevel::kError, "the window is gone: another program destroyed it, or its display ended");
+    return kExitFailed;
   }
   if (const Result<void> remembered = viewer.remember(); !remembered)
     log(log_sink, LogLevel::kWarning, remembered.error().message);

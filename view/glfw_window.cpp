@@ -3,9 +3,12 @@
 
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>
+#include <X11/Xlib.h>
+#include <epoxy/glx.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
 #include <utility>
@@ -38,6 +41,28 @@ std::string name_of_key(int key) {
 
 Modifiers modifiers_from(int bits) {
   return {(bits & GLFW_MOD_SHIFT) != 0, (bits & GLFW_MOD_CONTROL) != 0};
+}
+
+constexpr double kCheckEveryS = 0.5;
+
+/// Xlib's handlers are the process's, and end it for what others do to its window. On Wayland nobody calls them.
+std::atomic<int> x_errors{0};
+std::atomic<bool> x_connection_lost{false};
+
+void survive_x_errors() {
+  x_errors.store(0);
+  x_connection_lost.store(false);
+  ::XSetErrorHandler([](::Display*, ::XErrorEvent*) {
+    ++x_errors;
+    return 0;
+  });
+  ::XSetIOErrorHandler([](::Display*) {
+    x_connection_lost.store(true);
+    return 0;
+  });
+  if (::Display* display = glXGetCurrentDisplay(); display != nullptr)
+    ::XSetIOErrorExitHandler(
+        display, [](::Display*, void*) {}, nullptr);
 }
 
 GlfwWindow& of(GLFWwindow* window) {
@@ -117,6 +142,7 @@ void GlfwWindow::listen(WindowListener& listener) {
     of(w).listener_->on_event();
     of(w).listener_->on_drop(std::vector<std::string>(paths, paths + count));
   });
+  survive_x_errors();  // GLFW sets the default handlers again whenever it makes something
   glfwShowWindow(window_);
   report_size();
 }
@@ -171,10 +197,20 @@ void GlfwWindow::poll_events(double wait_s) {
     glfwWaitEventsTimeout(wait_s);
   else
     glfwPollEvents();
+  detect_loss();
+}
+
+/// GLFW says nothing of a window that another program has destroyed.
+void GlfwWindow::detect_loss() {
+  const double now = glfwGetTime();
+  if (is_lost_ || (x_errors.exchange(0) == 0 && now - checked_s_ < kCheckEveryS)) return;
+  checked_s_ = now;
+  (void)size();
+  is_lost_ = x_connection_lost.load() || x_errors.exchange(0) > 0;
 }
 
 bool GlfwWindow::close_wanted() const {
-  return glfwWindowShouldClose(window_) == GLFW_TRUE;
+  return is_lost_ || glfwWindowShouldClose(window_) == GLFW_TRUE;
 }
 
 void GlfwWindow::swap() const {

@@ -55,7 +55,9 @@ class GlfwWindow final {
   void make_current() const;        ///< The context is this thread's, which waits for the display in swap().
   static void release_current();    ///< No thread has the context then.
   void poll_events(double wait_s);  ///< Waits for the first at most so long; 0: not at all.
-  bool close_wanted() const;
+  bool close_wanted() const;        ///< Or lost.
+  /// Another program has destroyed it, or the display has gone: it has no size, and nobody sees what it shows.
+  bool is_lost() const { return is_lost_; }
   void swap() const;
   void set_title(const std::string& title);
   float content_scale() const;    ///< 1 = 96 dpi
@@ -73,10 +75,12 @@ class GlfwWindow final {
   void on_cursor(double x, double y);
   void on_button(int button, bool pressed, int modifiers);
   void detect_double_click();
+  void detect_loss();
   glm::vec2 pixels(double x, double y) const;
 
   const std::string instead_;
-  bool started_ = false;
+  bool started_ = false, is_lost_ = false;
+  double checked_s_ = 0;
   GLFWwindow* window_ = nullptr;
   WindowListener* listener_ = nullptr;
   glm::vec2 cursor_{0};

@@ -172,6 +172,20 @@ TEST_F(TheWindow, StyleIsRememberedByTheNextWindow) {
   }
 }
 
+// windowclose destroys the window alone, windowkill takes the program's connection to the display away (xkill).
+TEST_F(TheWindow, EndsInOrderWhenAnotherProgramTakesItAway) {
+  for (const char* way : {"windowclose", "windowkill"}) {
+    stop_.store(false);
+    said_.clear();
+    EXPECT_EQ(run([&] {
+                EXPECT_TRUE(xdotool(std::string("search --onlyvisible --name Eigencast ") + way));
+                EXPECT_TRUE(until([&] { return said("the window is gone"); })) << way;
+              }),
+              kExitFailed)
+        << way;
+  }
+}
+
 TEST_F(TheWindow, DrawsOnlyWhenSomethingHasChanged) {
   options_.width = 200;
   options_.height = 150;
