@@ -164,10 +164,12 @@ class Film {
         path_->apply(static_cast<double>(film_us_) / 1e6, camera);
       else if (options_.turntable_s > 0 && drawn_ > 0)
         camera.turn(static_cast<float>(kFullTurn / (options_.turntable_s * clock_->fps())));
-      OverlayContent content;  // other figures are of this machine's time
-      content.figures = {timecode_of(begins_us_ + film_us_)};
-      content.legend = session.overlay_content().legend;
-      viewer_->draw(content);
+      viewer_->draw([&] {
+        OverlayContent content;  // other figures are of this machine's time
+        content.figures = {timecode_of(begins_us_ + film_us_)};
+        content.legend = session.overlay_content().legend;
+        return content;
+      });
       if (const auto written = writer_->add(viewer_->picture()); !written) return written;
       session.count_written();
     }

@@ -93,7 +93,7 @@ class Headless {
   Result<void> take_picture() {
     if (path_) path_->apply(flown_s(), viewer_->camera());
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
-    viewer_->draw(session().overlay_content());
+    viewer_->draw([this] { return session().overlay_content(); });
     ++taken_;
     taken_us_ = steady_now_us();
     if (options_.out.empty()) return {};

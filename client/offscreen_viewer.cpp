@@ -36,10 +36,10 @@ void OffscreenViewer::warm_up() {
   renderer_->upload(0, SurfaceGeometry{});
 }
 
-void OffscreenViewer::draw(const OverlayContent& over) {
+void OffscreenViewer::draw(const std::function<OverlayContent()>& over) {
   session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target());
   if (overlay_) {
-    OverlayContent content = options_.hud ? over : OverlayContent();
+    OverlayContent content = options_.hud ? over() : OverlayContent();
     content.labels = session_->labels(camera_);
     overlay_->draw(content, options_.width, options_.height, target());
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -23,8 +24,8 @@ class OffscreenViewer final {
   Renderer& renderer() { return *renderer_; }
   std::string report() const { return session_->report(*renderer_, options_.width, options_.height); }
 
-  /// Draws the next picture, and waits until it is drawn. over: what --hud writes over it.
-  void draw(const OverlayContent& over);
+  /// Draws the next picture, and waits until it is drawn. over: what --hud writes over it, once its colours are known.
+  void draw(const std::function<OverlayContent()>& over);
   /// The picture that was drawn last.
   Picture picture();
 

@@ -228,6 +228,20 @@ TEST_F(Films, AreTheSameToTheBit) {
   }
 }
 
+TEST_F(Films, EveryPictureHasItsLegend) {
+  options_.style.colour.colouring = Colouring::kMovement;
+  options_.hud = true;
+  ASSERT_EQ(film("with_%d.png", 30), kExitGood) << said_;
+  options_.hud = false;
+  ASSERT_EQ(film("without_%d.png", 30), kExitGood) << said_;
+  const auto with = pictures("with_"), without = pictures("without_");
+  ASSERT_EQ(with.size(), without.size());
+  for (std::size_t i = 0; i < with.size(); ++i) {
+    const int x = options_.width - 16, y = options_.height - 16;
+    EXPECT_LT(with[i].pixel(x, y)[0], without[i].pixel(x, y)[0] - 40) << i;
+  }
+}
+
 TEST_F(Films, FollowTheCameraPath) {
   options_.camera_path = folder_.file("flight.json");
   std::ofstream(options_.camera_path) << R"({"keys": [{"t": 0, "eye": [0, 0, 6], "target": [0, 0, 0]},
