@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
+#include <string_view>
 #include <type_traits>
 
 #include "common/command_line/option_text.h"
@@ -29,14 +31,46 @@ CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
   }
 }
 
-/// "0 to 1", "at least 0.1": limits that nobody reaches are not limits. CLI11 writes "FLOAT in [0 - 1]".
+/// "0 to 1", "at least 0.1": limits that nobody reaches are not limits.
+std::string words_from_limits(double low, double high) {
+  constexpr double kNoLimit = 1e6;
+  if (high < kNoLimit) return formatted("%g to %g", low, high);
+  return low > 0 ? formatted("at least %g", low) : std::string();
+}
+
+/// Likewise, from CLI11's "FLOAT in [0 - 1]".
 std::string words_from_range(const std::string& type) {
   double low = 0, high = 0;
   const std::size_t at = type.find(" in [");
-  constexpr double kNoLimit = 1e6;
   if (at == std::string::npos || std::sscanf(type.c_str() + at, " in [%lf - %lf]", &low, &high) != 2) return {};
-  if (high < kNoLimit) return formatted("%g to %g", low, high);
-  return low > 0 ? formatted("at least %g", low) : std::string();
+  return words_from_limits(low, high);
+}
+
+/// What CLI11 says of numbers and words that it does not take, in plain words: "OPTION: Value 7 not in range 0 to 1".
+std::string words_from_failure(const std::string& failure) {
+  const auto between = [&](std::string_view begin, std::string_view end) -> std::optional<std::string> {
+    const std::size_t from = failure.find(begin), to = failure.rfind(end);
+    if (from == std::string::npos || to == std::string::npos || to < from + begin.size()) return std::nullopt;
+    return failure.substr(from + begin.size(), to - from - begin.size());
+  };
+  const std::string option = failure.substr(0, failure.find(':'));
+  double low = 0, high = 0;
+  if (const auto value = between(": Value ", " not in range ")) {
+    const char* range = failure.c_str() + failure.rfind(" not in range ");
+    if (std::sscanf(range, " not in range %lf to %lf", &low, &high) != 2) return failure;
+    const std::string limits = words_from_limits(low, high);
+    return option + ": " + *value + " is not " + (limits.empty() ? formatted("at least %g", low) : limits);
+  }
+  if (const auto value = between(": ", " not in {"); value && failure.ends_with('}')) {
+    std::string choices = failure.substr(failure.rfind(" not in {") + 9);
+    choices.pop_back();
+    for (std::size_t at = 0; (at = choices.find(',', at)) != std::string::npos; at += 2) choices.insert(at + 1, " ");
+    return option + ": " + *value + " is none of " + choices;
+  }
+  if (const auto kind = between(": 1 required ", " missing"))
+    return option + (kind->starts_with("TEXT") ? ": a word is missing" : ": a number is missing");
+  if (const auto unknown = between("not expected: ", "")) return *unknown + " was not expected";
+  return failure;
 }
 
 /// CLI11's own leaves out the commands below a command, and gives types, limits and defaults as programs write them.
@@ -121,6 +155,11 @@ bool CommandLine::has(const char* option) const {
 
 void add_help_all(CLI::App& app) {
   app.formatter(std::make_shared<NestedHelp>());
+  app.failure_message([](const CLI::App* of, const CLI::Error& error) {
+    std::string command = of->get_name();
+    for (const CLI::App* given : of->get_subcommands()) command += " " + given->get_name();
+    return words_from_failure(error.what()) + "\nTry " + command + " --help\n";
+  });
   app.set_help_all_flag("--help-all", "print this message and that of every command");
 }
 
