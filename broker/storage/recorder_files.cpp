@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: MIT
+// The files that a recorder has and may have: those of earlier runs, those kept, quotas.
+#include <algorithm>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+
+#include "broker/storage/recorder_parts.h"
+#include "common/core/share.h"
+#include "common/recording/reader.h"
+
+namespace eigencast::broker {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMorePieces = 256;  ///< Of one stream: each announcement begins a file, and all are looked at.
+
+}  // namespace
+
+void Recorder::repair() {
+  std::error_code error;
+  fs::create_directories(settings_.folder, error);
+  for (fs::directory_iterator it(settings_.folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string path = it->path().string();
+    if (!path.ends_with(kRecordingSuffix)) continue;
+    const auto recovered = recording::recover(path);
+    if (!recovered) {
+      log(log_, LogLevel::kWarning, "a recording cannot be repaired: " + recovered.error().message);
+      std::error_code ignored;
+      if (settings_.keep_us > 0) fs::remove(path, ignored);
+    } else if (!recovered->was_complete) {
+      log(log_, LogLevel::kWarning,
+          path + ": was cut off; repaired with " + std::to_string(recovered->frames) + " frames, " +
+              std::to_string(recovered->cut_bytes) + " bytes of a torn one removed");
+    }
+    if (recovered && settings_.keep_us > 0) restore(path);
+  }
+  recount();
+}
+
+/// One that an earlier run kept; one of no use is removed.
+void Recorder::restore(const std::string& path) {
+  auto reader = recording::Reader::open(path);
+  const auto announce = [&]() -> std::optional<control::Announce> {
+    if (!reader || reader->index().empty() || !reader->seek(reader->index().front().time_us)) return std::nullopt;
+    const auto record = reader->next();
+    if (!record || !*record) return std::nullopt;
+    const Bytes& body = (**record).body;
+    const auto message = control_from_text({reinterpret_cast<const char*>(body.data()), body.size()});
+    const auto* announced = message ? std::get_if<control::Announce>(&*message) : nullptr;
+    return announced != nullptr ? std::optional(*announced) : std::nullopt;
+  }();
+  const TimeUs from_us = reader ? static_cast<TimeUs>(reader->info().start.started_unix_us) : 0;
+  if (!announce || from_us > unix_from_steady(steady_now_us()) + kPieceUs) {
+    std::error_code ignored;
+    fs::remove(path, ignored);
+    return;
+  }
+  auto kept = std::make_shared<Kept>();
+  kept->file = path;
+  kept->from_us = from_us;
+  kept->to_us = from_us + reader->info().duration_us;
+  kept->asset = announce->asset;
+  kept->charged = file_cost(reader->info().whole_bytes);
+  pin(*kept, 1);
+  const std::lock_guard lock(mutex_);
+  auto& all = kept_[reader->info().start.stream];
+  all.insert(std::upper_bound(all.begin(), all.end(), from_us,
+                              [](TimeUs at_us, const KeptPtr& one) { return at_us < one->from_us; }),
+             kept);
+}
+
+/// The file of a session joins those kept.
+void Recorder::keep(Session& session, const Item& announced, const std::string& path) {
+  auto kept = std::make_shared<Kept>();
+  kept->file = path;
+  kept->asset = announced.announced.asset;
+  kept->holder = announced.holder;
+  kept->growing = true;
+  kept->from_us = kept->to_us = session.start_unix_us;
+  pin(*kept, 1);
+  const std::lock_guard lock(mutex_);
+  auto& all = kept_[session.stream];
+  if (session.follows && !all.empty()) {
+    all.back()->to_us = kept->from_us;
+    all.back()->growing = false;
+  }
+  all.push_back(kept);
+  session.kept = kept;
+}
+
+/// So many more of the files that are kept need an asset.
+void Recorder::pin(const Kept& kept, int files) {
+  const int before = pins_[kept.asset], after = pins_[kept.asset] += files;
+  if (after == 0) pins_.erase(kept.asset);
+  if ((before == 0) == (after == 0)) return;
+  const std::string user = "~history/" + kept.asset;  // No stream's name.
+  assets_.set_used(user, after == 0 ? std::nullopt : Sha256::from_hex(kept.asset), kept.holder);
+}
+
+void Recorder::remove_oldest() {
+  if (settings_.keep_us == 0) return;
+  for (;;) {
+    KeptPtr gone;
+    {
+      const std::lock_guard lock(mutex_);
+      const auto from = next_to_go(unix_from_steady(steady_now_us()));
+      if (from == kept_.end()) return;
+      gone = std::move(from->second.front());
+      from->second.pop_front();
+      if (from->second.empty()) kept_.erase(from);
+      totals_.stored_bytes -= std::min(totals_.stored_bytes, gone->charged);
+      std::uint64_t& held = holders_[gone->holder];
+      held -= std::min(held, gone->charged);
+    }
+    holder_of_.erase(gone->file);
+    pin(*gone, -1);
+    std::error_code ignored;
+    fs::remove(gone->file, ignored);
+  }
+}
+
+/// The stream whose first file is over: by its age, or as the oldest of the holder of most, of those beyond their share
+/// or, where there is too much, of all. REQUIRES: mutex_ is held.
+auto Recorder::next_to_go(TimeUs now_us) -> decltype(kept_)::iterator {
+  const auto max = static_cast<std::int64_t>(settings_.max_total_bytes);
+  const auto stored = static_cast<std::int64_t>(totals_.stored_bytes);
+  auto best = kept_.end();
+  std::int64_t most = 0;
+  for (auto it = kept_.begin(); it != kept_.end(); ++it) {
+    const Kept& first = *it->second.front();
+    if (first.growing) continue;
+    const auto most_files = static_cast<std::size_t>(settings_.keep_us / kPieceUs) + kMorePieces;
+    if (first.to_us < now_us - settings_.keep_us || it->second.size() > most_files) return it;
+    const auto held = holders_.find(first.holder);
+    const auto own = static_cast<std::int64_t>(held == holders_.end() ? 0 : held->second);
+    const bool over = stored >= max || (!first.holder.empty() && own >= share_of(max, stored, own));
+    if (!over || (best != kept_.end() && own < most)) continue;
+    if (best != kept_.end() && own == most && best->second.front()->from_us <= first.from_us) continue;
+    best = it;
+    most = own;
+  }
+  return best;
+}
+
+/// Finds what others removed.
+void Recorder::recount() {
+  std::map<std::string, std::string> still_there;
+  std::map<std::string, std::uint64_t> holders;
+  std::uint64_t stored = 0;
+  std::error_code error;
+  for (fs::directory_iterator it(settings_.folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string path = it->path().string();
+    std::error_code gone;
+    const std::uint64_t size = fs::file_size(path, gone);
+    if (gone || !path.ends_with(kRecordingSuffix)) continue;
+    stored += file_cost(size);
+    if (const auto known = holder_of_.find(path); known != holder_of_.end()) {
+      holders[known->second] += file_cost(size);
+      still_there.insert(*known);
+    }
+  }
+  if (error) return;
+  holder_of_.swap(still_there);
+  const std::lock_guard lock(mutex_);
+  totals_.stored_bytes = stored;
+  holders_.swap(holders);
+}
+
+/// The quota that leaves this holder nothing; null: there is room. REQUIRES: mutex_ is held.
+const char* Recorder::used_up(const std::string& holder) const {
+  const auto max = static_cast<std::int64_t>(settings_.max_total_bytes);
+  const auto stored = static_cast<std::int64_t>(totals_.stored_bytes);
+  const auto held = holders_.find(holder);
+  const auto own = static_cast<std::int64_t>(held == holders_.end() ? 0 : held->second);
+  if (stored >= max) return "the recordings take all that recording.max_total_bytes allows";
+  if (own < share_of(max, stored, own)) return nullptr;
+  return "those of its sender's token or address take a quarter of what others leave of recording.max_total_bytes";
+}
+
+}  // namespace eigencast::broker
