@@ -51,6 +51,16 @@ async function onePage() {
   const parts = { policy, style, script };
   return readFileSync(here('src/recording/index.html'), 'utf8').replace(/\{(policy|style|script)\}/g, (_, name) => parts[name]);
 }
+/** What page and worker share is one file, for they wait for each: what is loaded later has copies of its own of what would make it several. */
+const fewFiles = {
+  name: 'few-files',
+  setup(plugin) {
+    plugin.onResolve({ filter: /\/(matrix|module)\.js$/ }, ({ path, importer, resolveDir }) =>
+      /\/(controls|learnt|memory|pick|room|sync)\.ts$/.test(importer) ? { path: join(resolveDir, path).replace(/js$/, 'ts'), suffix: '?later' } : undefined);
+    // The page's session is in its worker.
+    plugin.onResolve({ filter: /\/session\.js$/ }, ({ kind }) => (kind === 'dynamic-import' ? { path: './worker.js', external: true } : undefined));
+  },
+};
 for (const old of existsSync(outdir) ? readdirSync(outdir) : []) if (/^eigencast-\w{8}\.js$/.test(old)) rmSync(join(outdir, old));
 // What page and worker share is loaded once, and so is what the entries of the package share.
 const split = { ...options, splitting: true, chunkNames: 'eigencast-[hash]', metafile: true };
@@ -60,7 +70,7 @@ await build({ ...split, entryPoints: entries });
 if (isPackage) {
   await build({ ...options, entryPoints: { ...worker, ...entriesOf('inline') } });
 } else {
-  const { metafile } = await build({ ...split, entryPoints: { page: here('src/page/page.ts'), ...worker } });
+  const { metafile } = await build({ ...split, entryPoints: { page: here('src/page/page.ts'), ...worker }, plugins: [...options.plugins, fewFiles] });
   await build({ ...options, entryPoints: { internals: here('src/internals.ts') } });
   await build({ ...options, entryPoints: { page: here('src/page/page.css') } });
   // The worker takes what the page has fetched, too.
