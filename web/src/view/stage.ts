@@ -10,6 +10,8 @@ import { Renderer } from './renderer.js';
 import type { Tile } from './target.js';
 import type { View } from './view.js';
 
+/** Of pictures until one shows a surface, which is there in half the time. */
+const QUICK: Readonly<Quality> = { resolution: 1, samples: 0, shadow: 1 };
 const HIDDEN_AFTER_MS = 2000;
 /** Until what holds the rate is asked for again. */
 const RETRY_MS = 5000;
@@ -120,7 +122,7 @@ export class Stage {
   }
   /** How pictures are drawn: with fewer pixels than the display's, and less, where all is too much for the GPU. */
   get quality(): Readonly<Quality> {
-    return this.#levels?.quality ?? FULL;
+    return this.#levels?.quality ?? (this.#rate > 0 && !this.#isControlled ? QUICK : FULL);
   }
   /** What the last picture took. */
   get workMs(): number {
@@ -166,18 +168,17 @@ export class Stage {
     }
     this.#workMs = this.#lastWorkMs = performance.now() - this.#beganMs;
     this.#fence ??= this.#gl.fenceSync(this.#gl.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? undefined;
-    if (this.#rate > 0 && !this.#isControlled) this.#control();
     this.#gl.flush();  // Else they wait for the display's next turn.
   }
 
-  /** Behind the first picture; until it is there all is drawn. What fails is said later: nothing loads on a page that is being left. */
+  /** Behind the first picture of a surface; until it is there all is drawn. What fails is said later: nothing loads on a page that is being left. */
   #control(): void {
     this.#isControlled = true;
     void compiled(defaults.levels, surroundings()).then((module) => Core.make(module)).then((core) => {
       if (!this.#isClosed) this.#levels = new Levels(core, this.#rate);
     }).catch((error: unknown) => setTimeout(() => {
-      this.#isControlled = false;
       console.error('eigencast: pictures may be late, for what holds their rate was not loaded; it is asked for again:', error);
+      if (!this.#isClosed) this.#control();
     }, RETRY_MS));
   }
   #schedule(): void {
@@ -201,6 +202,7 @@ export class Stage {
       const object = view.levelObject();
       if (object) objects.push(object);
     }
+    if (this.#rate > 0 && !this.#isControlled && views.some((view) => view.vertices > 0)) this.#control();
     const now = nowUs();
     const levels = this.#levels?.resolve(objects, BigInt(now), workMs / 1000);
     this.#turnedMs = performance.now();
