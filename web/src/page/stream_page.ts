@@ -13,6 +13,8 @@ import type { Recording } from './recording.js';
 import { bannerOf } from './words.js';
 
 const TURN_SECONDS = 12, SAID_MS = 4000, BANNER_MS = 200;
+/** What goes with a surface is loaded behind its first picture, or where none comes so soon; and until then nobody reads that it comes. */
+const SOON_MS = 500;
 
 /** One stream, as large as the page. */
 export class StreamPage implements Desk {
@@ -52,7 +54,6 @@ export class StreamPage implements Desk {
     document.body.replaceChildren(this.#main);
     document.title = `${stream.name} - Eigencast`;
     this.view = new View(stage, canvas, stream);
-    void import('../view/controls.js').then(({ Controls }) => (this.#controls = new Controls(this.view)));
     this.view.onImage = () => this.#showOwnColours('textured');
     const dark = matchMedia('(prefers-color-scheme: dark)'), setWall = (): void => this.view.setStyle({ wall: !dark.matches });
     dark.addEventListener('change', setWall);
@@ -68,12 +69,17 @@ export class StreamPage implements Desk {
     document.addEventListener('keydown', (event) => this.#onKey(event));
     this.#onFirstSurface();
     this.#onStatus();
-    if (broker.sendText) void import('./past.js').then(({ showPast }) => showPast(this, this.#commands, place, broker as RoomWay, stream, this.#main, part, icon));
     if (stream.error) fail(stream.error);
     this.#refreshButtons();
+    let isWaiting = true;
     const turn = (nowMs: number): void => {
       requestAnimationFrame(turn);
       this.#turntable(nowMs);
+      if (!isWaiting || !(this.view.live.drawn || nowMs > SOON_MS)) return;
+      isWaiting = false;
+      this.#onStatus();
+      void import('../view/controls.js').then(({ Controls }) => (this.#controls = new Controls(this.view)));
+      if (broker.sendText) void import('./past.js').then(({ showPast }) => showPast(this, this.#commands, place, broker as RoomWay, stream, this.#main, part, icon));
     };
     requestAnimationFrame(turn);
   }
@@ -198,7 +204,7 @@ export class StreamPage implements Desk {
     view.canvas.setAttribute('aria-label', `${this.#stream.name}, a moving surface: ${status.detail || status.state}`);
     if (this.#stream.surface) {
       if (this.#noted) this.#withNote((note) => note.hide());
-    } else {
+    } else if (!/^(connecting|downloading)$/.test(status.state) || performance.now() > SOON_MS) {
       this.#withNote((note) => note.show(status, linkOf({ ...this.#place, query: new URLSearchParams(), room: '' }), {
         retry: () => this.#broker.retryNow(),
         token: (token) => {
