@@ -23,6 +23,7 @@ test('PageAndCodeTakeAtMost100Kilobytes', () => {
 
 test('AllThatThePageLoadsAtOnceIsPreloaded', () => {
   const page = readFileSync(join(BUILD, 'page.html'), 'utf8');
+  assert.equal(page.match(/\{web\}[\w-]+\.js/g).length, 3, 'the page, its worker, and what they share');
   for (const script of ['page.js', 'worker.js']) {
     assert.ok(page.includes(`{web}${script}`), script);
     for (const [, chunk] of readFileSync(join(BUILD, script), 'utf8').matchAll(/from"\.\/(eigencast-\w+\.js)"/g)) assert.ok(page.includes(`{web}${chunk}`), chunk);
