@@ -73,6 +73,21 @@ test('AStreamIsShownFromBeforeItBeginsUntilItsSenderHasGone', async () => {
   });
 });
 
+test('WhatHoldsTheRateComesBehindTheFirstPictureOfASurface', async () => {
+  const tab = await chromium.tab(), levels = "performance.getEntriesByType('resource').find(({ name }) => name.endsWith('eigencast-levels.wasm'))?.startTime";
+  await tab.preload(`(() => {
+    const context = WebGL2RenderingContext.prototype, drawElements = context.drawElements;
+    context.drawElements = function (mode, count, ...more) {
+      if (count > 3) window.firstMs ??= performance.now();
+      return drawElements.call(this, mode, count, ...more);
+    };
+  })()`);
+  await tab.open(`${site.url}/still`);
+  const startMs = await tab.until(levels, 150_000), firstMs = await tab.evaluate('window.firstMs ?? Infinity');
+  assert.ok(startMs >= firstMs, `${startMs} after ${firstMs}`);
+  await tab.close();
+});
+
 test('TwoStreamsOfOneSurfaceAreCompared', async () => {
   const senders = [['compare/a'], ['compare/b', '--speed', '0.5']].map(([name, ...more]) => programs.sender(broker, name, 'heart', '--rank', '24', ...more));
   await onPage(`${site.url}/compare/a?rate=raw&compare=compare/b`, async (tab) => {
