@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // exports_read.mjs MODULES THREE FILE RATE FRAMES OUT: what a glTF validator says about a .glb, and its vertices at each pose
-// as three.js plays them, float32, into OUT. Meshes (.obj, .ply): their vertices. Exit 77: a module is missing.
+// as three.js plays them, float32, into OUT. Meshes (.obj, .ply): their vertices. A .usda: its time samples as three.js
+// parses them, behind the corners of the mesh that it shows. Exit 77: a module is missing.
 import { readFileSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { join } from 'node:path';
@@ -35,6 +36,17 @@ if (file.endsWith('.glb')) {
     for (const mesh of meshes)
       for (let i = 0; i < mesh.geometry.attributes.position.count; ++i) poses.push(...mesh.getVertexPosition(i, point).applyMatrix4(mesh.matrixWorld).toArray());
   }
+} else if (file.endsWith('.usda')) {
+  const { USDLoader } = await three('examples/jsm/loaders/USDLoader.js'), { USDAParser } = await three('examples/jsm/loaders/usd/USDAParser.js');
+  globalThis.DOMParser ??= class {};
+  new USDLoader().parse(buffer).traverse((object) => {
+    if (!object.isMesh) return;
+    const { position } = (object.geometry.index ? object.geometry.toNonIndexed() : object.geometry).attributes;
+    poses.push(...position.array);
+  });
+  const { timeSamples: { times, values } } = new USDAParser().parseData(bytes.toString()).specsByPath['/surface/mesh.points'].fields;
+  if (times.length !== Number(frames) || times.some((time, i) => time !== i)) throw new Error(`times: ${times}`);
+  for (const pose of values) for (const value of pose) poses.push(value);
 } else {
   const { OBJLoader } = await three('examples/jsm/loaders/OBJLoader.js'), { PLYLoader } = await three('examples/jsm/loaders/PLYLoader.js');
   // OBJLoader repeats a vertex for each corner.

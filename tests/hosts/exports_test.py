@@ -27,7 +27,7 @@ class Exports(unittest.TestCase):
         cls.folder = pathlib.Path(cls.kept.name)
         (cls.folder / "obj").mkdir()
         (cls.folder / "ply").mkdir()
-        for to in ("npy.npy", "a.glb", "pc2.pc2", "mdd.mdd", "obj/x.obj", "ply/x.ply"):
+        for to in ("npy.npy", "a.glb", "pc2.pc2", "mdd.mdd", "obj/x.obj", "ply/x.ply", "a.usda"):
             subprocess.run([BUILD / "bin/eigencast-sender", "export", "heart", "--to", cls.folder / to, "--rate", str(RATE), "--level", "0.05",
                             "--duration", str(FRAMES / RATE), "--no-progress"], check=True, stderr=subprocess.DEVNULL)
         cls.exact = numpy.load(cls.folder / "npy.npy")
@@ -57,6 +57,13 @@ class Exports(unittest.TestCase):
     def test_gltf_is_valid_and_plays_in_three(self):
         found = self.in_node(self.folder / "a.glb").reshape(FRAMES, -1, 3)
         self.check(found, 1.1 * MORPHED)
+
+    def test_usd_is_read_by_three(self):
+        corners = numpy.array(self.faces).ravel()
+        found = self.in_node(self.folder / "a.usda")
+        self.check(found[len(corners):].reshape(FRAMES, -1, 3), EXACT)
+        shown = self.exact[:1][:, corners]
+        self.assertLessEqual(numpy.abs(found[:len(corners)] - shown[0]).max(), EXACT * self.diagonal)
 
     def test_sequences_are_read_by_three(self):
         files = {ending: sorted((self.folder / ending).iterdir()) for ending in ("obj", "ply")}
