@@ -10,12 +10,15 @@
 #include "common/reconstruction/reconstruct.h"
 #include "sdk/abi.h"
 #include "sdk/asset_cache.h"
+#include "sdk/past_view.h"
 #include "sdk/subscriber.h"
 
 struct ec_subscriber {
   eigencast::abi::OfProcess home;
   std::optional<eigencast::MemoryBudget> memory;  ///< Outlives the subscriber.
   std::unique_ptr<eigencast::Subscriber> subscriber;
+  eigencast::PastView past;
+  std::vector<ec_kept_span> kept;
   std::deque<eigencast::ReceivedPose> waiting;
   std::optional<eigencast::ReceivedPose> current;
   std::vector<float> positions, normals, scalars, velocities;
@@ -92,6 +95,21 @@ std::vector<float> corner_uv_at_level(const Asset& asset, std::uint32_t N, std::
   return corner_uv;
 }
 
+/// Puts the next pose that can be shown before all that wait. False: none. Errors: a seek was not done.
+Result<bool> find_next(ec_subscriber& self, TimeUs timeout_us) {
+  if (self.waiting.empty()) {
+    for (ReceivedPose& pose : self.subscriber->poll(std::chrono::milliseconds(timeout_us / 1000)))
+      self.waiting.push_back(std::move(pose));
+    if (const Result<void> sought = self.past.advance(*self.subscriber, steady_now_us()); !sought)
+      return sought.error();
+  }
+  const auto passes = [&](const ReceivedPose& pose) {
+    return can_rebuild(*self.subscriber, pose) && self.past.is_wanted(pose.envelope.epoch, *self.subscriber);
+  };
+  while (!self.waiting.empty() && !passes(self.waiting.front())) self.waiting.pop_front();
+  return !self.waiting.empty();
+}
+
 template <typename LevelOf>
 ec_status rebuild(ec_subscriber& self, const LevelOf& level_of, ec_surface* out) {
   const Asset* asset = self.subscriber->asset();
@@ -145,6 +163,19 @@ ec_status rebuild(ec_subscriber& self, const LevelOf& level_of, ec_surface* out)
   return give(out, surface);
 }
 
+ec_status sought(ec_subscriber& self, TimeUs at_us, double speed, bool next) {
+  if (const Result<void> good = self.past.seek(at_us, speed, next); !good) return failed(good.error());
+  self.waiting.clear();
+  return EC_OK;
+}
+
+/// The moment of the current pose; nothing: it is not of the past.
+std::optional<TimeUs> past_us(const ec_subscriber& self) {
+  const auto& info = self.subscriber->info();
+  if (!self.current || !info || !info->rewind || self.current->envelope.epoch != info->epoch) return std::nullopt;
+  return moment_of(*info->rewind, self.current->envelope.capture_us);
+}
+
 }  // namespace
 }  // namespace eigencast
 
@@ -173,14 +204,12 @@ ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* opt
 ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms) {
   return guarded([&] {
     if (subscriber == nullptr) return invalid("ec_subscriber_next: subscriber is null");
-    if (subscriber->waiting.empty()) {
-      for (ReceivedPose& pose : subscriber->subscriber->poll(std::chrono::milliseconds(std::max(0, timeout_ms)))) {
-        subscriber->waiting.push_back(std::move(pose));
-      }
-    }
-    while (!subscriber->waiting.empty() && !can_rebuild(*subscriber->subscriber, subscriber->waiting.front())) {
-      subscriber->waiting.pop_front();
-    }
+    const TimeUs end_us = steady_now_us() + TimeUs{std::max(0, timeout_ms)} * 1000;
+    do {
+      const Result<bool> found = find_next(*subscriber, std::max<TimeUs>(0, end_us - steady_now_us()));
+      if (!found) return failed(found.error());
+      if (*found) break;
+    } while (subscriber->past.waits() && steady_now_us() < end_us);
     if (subscriber->waiting.empty()) return EC_NOTHING;
     subscriber->current = std::move(subscriber->waiting.front());
     subscriber->waiting.pop_front();
@@ -222,6 +251,53 @@ ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber
     result.latency_p99_us = now.latency_us.percentile(99);
     result.retry_in_us = now.retry_in.value_or(0);
     return give(stats, result);
+  });
+}
+
+ec_status ec_subscriber_seek(ec_subscriber* subscriber, int64_t at_us, double speed) {
+  return guarded([&] {
+    if (subscriber == nullptr) return invalid("ec_subscriber_seek: subscriber is null");
+    return sought(*subscriber, at_us, speed, false);
+  });
+}
+
+ec_status ec_subscriber_step(ec_subscriber* subscriber, int forward) {
+  return guarded([&] {
+    if (subscriber == nullptr) return invalid("ec_subscriber_step: subscriber is null");
+    const auto at_us = past_us(*subscriber);
+    if (!at_us) {
+      return failed(fail(ErrorCode::kNotFound,
+                         "ec_subscriber_step: the current pose is not of the past; call ec_subscriber_seek() first"));
+    }
+    return sought(*subscriber, forward != 0 ? *at_us : std::max<TimeUs>(0, *at_us - 1), 0, forward != 0);
+  });
+}
+
+ec_status ec_subscriber_live(ec_subscriber* subscriber) {
+  return guarded([&] {
+    if (subscriber == nullptr) return invalid("ec_subscriber_live: subscriber is null");
+    subscriber->waiting.clear();
+    subscriber->past.show_present();
+    return EC_OK;
+  });
+}
+
+ec_status ec_subscriber_get_past(ec_subscriber* subscriber, ec_past* past) {
+  return guarded([&] {
+    if (subscriber == nullptr) return invalid("ec_subscriber_get_past: subscriber is null");
+    ec_past result = EC_INIT(ec_past);
+    subscriber->kept.clear();
+    const TimeUs now_us = steady_now_us();
+    if (const auto kept = subscriber->past.kept(*subscriber->subscriber, now_us)) {
+      for (const auto& [from_us, to_us] : kept->spans) subscriber->kept.push_back({from_us, to_us});
+      result.now_us = kept->now_at(now_us);
+    }
+    result.spans = subscriber->kept.empty() ? nullptr : subscriber->kept.data();
+    result.span_count = subscriber->kept.size();
+    const auto at_us = past_us(*subscriber);
+    result.is_past = at_us ? 1 : 0;
+    result.at_us = at_us.value_or(0);
+    return give(past, result);
   });
 }
 

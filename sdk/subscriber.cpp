@@ -2,6 +2,7 @@
 #include "sdk/subscriber.h"
 
 #include <algorithm>
+#include <cmath>
 #include <condition_variable>
 #include <mutex>
 #include <tuple>
@@ -183,6 +184,12 @@ class BrokerSubscriber final : public Subscriber {
 };
 
 }  // namespace
+
+TimeUs moment_of(const control::StreamInfo::Rewind& rewind, TimeUs capture_us) {
+  constexpr double kFarUs = 1e18;  // Beyond what a broker that means well says.
+  const double since_us = static_cast<double>(capture_us - rewind.capture_us) * rewind.speed;
+  return rewind.at_us + std::llround(std::clamp(since_us, -kFarUs, kFarUs));
+}
 
 Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options, LogSink log) {
   const auto url = stream_url(options.url, options.credentials, log);

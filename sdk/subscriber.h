@@ -74,6 +74,9 @@ class Rewind {
   virtual void show_present() = 0;
 };
 
+/// On the broker's clock, as in Rewind, of a pose of a rewound stream.
+TimeUs moment_of(const control::StreamInfo::Rewind& rewind, TimeUs capture_us);
+
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
 /// itself, and keeps what it has meanwhile. Two threads serve all Subscribers of a broker with the same credentials;
 /// what they found is handed over inside poll(), so that asset() and what poll returned need no lock. Use from one

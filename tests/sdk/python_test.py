@@ -10,6 +10,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 
@@ -41,7 +42,7 @@ class Package(unittest.TestCase):
         cls.folder = tempfile.TemporaryDirectory()
         port = pathlib.Path(cls.folder.name) / "port"
         cls.broker = subprocess.Popen([BROKER, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
-                                       pathlib.Path(cls.folder.name) / "assets"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                                       pathlib.Path(cls.folder.name) / "assets", "--history-streams", "past/**"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         end = time.monotonic() + 60
         while not port.exists() or not port.read_text().endswith("\n"):
             if time.monotonic() > end:
@@ -72,6 +73,76 @@ class Package(unittest.TestCase):
         with self.assertRaises(eigencast.Error) as caught:
             call(*arguments, **named)
         self.assertEqual(caught.exception.status, eigencast.Status[status])
+
+    def test_what_is_past_is_sought_stepped_and_left(self):
+        url, sent_us, going = self.origin + "/past/sheet", [], threading.Event()
+        going.set()
+
+        def pose_of(number):
+            return self.positions + [0, 0.002 * number, 0.1 * numpy.sin(0.1 * number)]
+
+        def send():
+            with eigencast.Publisher(url, self.asset, error=1e-5) as publisher:
+                while going.is_set():
+                    sent_us.append(time.time_ns() // 1000)
+                    publisher.send(pose_of(len(sent_us) - 1))
+                    time.sleep(0.03)
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        try:
+            with eigencast.Subscriber(url + "?rate=raw", cache_dir="") as subscriber:
+                end = time.monotonic() + 120
+
+                def next_pose():
+                    """Its number, and when that was."""
+                    while time.monotonic() < end:
+                        pose = subscriber.next(timeout=1)
+                        if pose is not None and len(pose.positions) == len(self.positions):
+                            points = pose.in_source_order()
+                            number = round(float((points - self.positions)[:, 1].mean()) / 0.002)
+                            self.assertLess(numpy.abs(points - pose_of(number)).max(), 1e-3)
+                            return number, subscriber.past().at_us
+                    self.fail(f"nothing came: {subscriber.stats()}, {subscriber.past()}")
+
+                def kept_us():
+                    return sum(to_us - from_us for from_us, to_us in subscriber.past().spans)
+
+                first, at_us = next_pose()
+                self.assertIsNone(at_us)
+                self.assert_refused("NOT_FOUND", subscriber.step)
+                for speed in (-1, 0.05, 11, float("nan")):
+                    self.assert_refused("INVALID_ARGUMENT", subscriber.seek, ago=1, speed=speed)
+                while kept_us() < 3_000_000 and time.monotonic() < end:
+                    next_pose()
+                wanted_us = subscriber.past().now_us - 2_000_000
+                subscriber.seek(at_us=wanted_us, speed=0)
+                number, at_us = next_pose()
+                self.assertLessEqual(at_us, wanted_us)
+                self.assertLessEqual(sent_us[number], at_us + 50_000, "the broker has it later than who sends it")
+                subscriber.step()
+                later, later_us = next_pose()
+                self.assertGreater((later, later_us), (number, at_us))
+                subscriber.step(forward=False)
+                self.assertEqual(next_pose(), (number, at_us))
+                self.assertIsNone(subscriber.next(timeout=0.3), "at speed 0 one pose comes")
+                subscriber.seek(ago=2)
+                numbers = [next_pose()[0] for _ in range(5)]
+                self.assertEqual(numbers, sorted(set(numbers)))
+                self.assertIsNotNone(subscriber.past().at_us)
+                subscriber.live()
+                number, at_us = next_pose()
+                self.assertIsNone(at_us)
+                self.assertGreater(number, numbers[-1])
+            with eigencast.Subscriber(self.origin + "/unkept", cache_dir="") as subscriber:
+                subscriber.seek(ago=1)
+                with self.assertRaisesRegex(eigencast.Error, r"\(not-found\)") as caught:
+                    while time.monotonic() < end:
+                        subscriber.next(timeout=1)
+                self.assertEqual(caught.exception.status, eigencast.Status.REFUSED)
+        finally:
+            going.clear()
+            sender.join()
 
     def test_an_asset_says_what_it_is(self):
         self.assertEqual((self.asset.vertex_count, self.asset.face_count, self.asset.rank), (256, 450, 40))

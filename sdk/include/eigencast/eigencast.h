@@ -437,6 +437,42 @@ EC_API ec_status ec_subscriber_surface(ec_subscriber* subscriber, double detail,
 /** The same within a budget: at most max_vertices, but no fewer than the coarsest level of detail has. */
 EC_API ec_status ec_subscriber_surface_within(ec_subscriber* subscriber, uint32_t max_vertices, ec_surface* surface);
 EC_API ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber_stats* stats);
+
+/* The past: what the broker keeps of the stream, where the token may see it again (`rewind`). Times are microseconds
+ * since 1970 on the broker's clock. */
+
+typedef struct ec_kept_span {
+  int64_t from_us, to_us;
+} ec_kept_span;
+
+typedef struct ec_past {
+  size_t struct_size;
+  int64_t now_us;            /**< 0: the broker has not said yet what it keeps. */
+  const ec_kept_span* spans; /**< What is kept, ascending; of the time between them there is nothing. Stays until the
+                                next call on the subscriber; null where there is none. */
+  size_t span_count;
+  int is_past;   /**< 1 when the current pose is of the past. */
+  int64_t at_us; /**< When that was; else 0. */
+} ec_past;
+
+/**
+ * Shows the newest pose at a time, then what followed: ec_subscriber_next() passes over all poses of before. Live again
+ * by itself at the end of what is kept, and after a lost connection. capture_us of such a surface has no meaning but
+ * to pace it: ec_past has its time.
+ *   at_us  negative: so long before now; a time of which nothing is kept means the next that is
+ *   speed  0.1 to 10; 0: that pose alone
+ * Errors: EC_INVALID_ARGUMENT. Where the broker does not do it, ec_subscriber_next() returns EC_REFUSED once, and what
+ * was shown goes on.
+ */
+EC_API ec_status ec_subscriber_seek(ec_subscriber* subscriber, int64_t at_us, double speed);
+/** Shows the pose after the current one (forward not 0), or the one before it, alone. Errors: EC_NOT_FOUND: the current
+ * pose is not of the past. */
+EC_API ec_status ec_subscriber_step(ec_subscriber* subscriber, int forward);
+/** Back to what is live. */
+EC_API ec_status ec_subscriber_live(ec_subscriber* subscriber);
+/** What is kept, and where in it the current pose is. Asks the broker once a second; its answers are heard by
+ * ec_subscriber_next(). */
+EC_API ec_status ec_subscriber_get_past(ec_subscriber* subscriber, ec_past* past);
 /** Disconnects, waiting at most a second. Null is allowed. */
 EC_API void ec_subscriber_release(ec_subscriber* subscriber);
 

@@ -380,6 +380,20 @@ class Subscriber {
     return surface;
   }
 
+  /// Shows what was at a time (negative: so long ago), see ec_subscriber_seek(); then next() throws once if the broker
+  /// does not do it.
+  void seek(std::chrono::microseconds at, double speed = 1) {
+    check(ec_subscriber_seek(subscriber_.get(), at.count(), speed));
+  }
+  /// The pose after the current one, or before it, alone.
+  void step(bool forward) { check(ec_subscriber_step(subscriber_.get(), forward ? 1 : 0)); }
+  void live() { check(ec_subscriber_live(subscriber_.get())); }
+  ec_past past() {
+    auto past = EC_INIT(ec_past);
+    check(ec_subscriber_get_past(subscriber_.get(), &past));
+    return past;
+  }
+
   ec_subscriber_stats stats() const {
     auto stats = EC_INIT(ec_subscriber_stats);
     check(ec_subscriber_get_stats(subscriber_.get(), &stats));

@@ -20,8 +20,8 @@ from . import mesh
 from ._library import Error, Status, library_path, now_us, version
 from ._stream import Stream, StreamStats, Taken
 from ._picture import Shown, picture, show
-from ._objects import Asset, Pose, Publisher, PublisherStats, Scalar, Sent, Subscriber, SubscriberStats, bake, load, watch
+from ._objects import Asset, Past, Pose, Publisher, PublisherStats, Scalar, Sent, Subscriber, SubscriberStats, bake, load, watch
 
-__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Shown", "Status", "Stream", "StreamStats", "Subscriber", "SubscriberStats", "Taken", "bake",
+__all__ = ["Asset", "Error", "Past", "Pose", "Publisher", "PublisherStats", "Scalar", "Sent", "Shown", "Status", "Stream", "StreamStats", "Subscriber", "SubscriberStats", "Taken", "bake",
            "library_path", "load", "mesh", "now_us", "picture", "show", "version", "watch"]
 __version__ = version()

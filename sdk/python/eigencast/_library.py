@@ -109,6 +109,15 @@ class PublisherStats(Sized):
                 ("dropped_behind", c_uint64), ("dropped_time", c_uint64), ("dropped_unusable", c_uint64), ("detail", c_char_p)]
 
 
+class KeptSpan(ctypes.Structure):
+    _fields_ = [("from_us", c_int64), ("to_us", c_int64)]
+
+
+class Past(Sized):
+    _fields_ = [("struct_size", c_size_t), ("now_us", c_int64), ("spans", POINTER(KeptSpan)), ("span_count", c_size_t),
+                ("is_past", c_int), ("at_us", c_int64)]
+
+
 class SubscriberOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("cache_dir", c_char_p), ("token", c_char_p), ("ca_file", c_char_p),
                 ("certificate_file", c_char_p), ("key_file", c_char_p), ("insecure", c_int), ("max_memory_bytes", c_uint64)]
@@ -157,6 +166,10 @@ _SIGNATURES = {
     "ec_subscriber_next": (c_int, [c_void_p, c_int]),
     "ec_subscriber_surface": (c_int, [c_void_p, c_double, POINTER(Surface)]),
     "ec_subscriber_surface_within": (c_int, [c_void_p, c_uint32, POINTER(Surface)]),
+    "ec_subscriber_seek": (c_int, [c_void_p, c_int64, c_double]),
+    "ec_subscriber_step": (c_int, [c_void_p, c_int]),
+    "ec_subscriber_live": (c_int, [c_void_p]),
+    "ec_subscriber_get_past": (c_int, [c_void_p, POINTER(Past)]),
     "ec_subscriber_get_stats": (c_int, [c_void_p, POINTER(SubscriberStats)]),
     "ec_subscriber_release": (None, [c_void_p]),
 }

@@ -326,6 +326,14 @@ class SubscriberStats:
     retry_in_us: int
 
 
+@dataclasses.dataclass(frozen=True)
+class Past:
+    """What a broker keeps of a stream; times are microseconds since 1970 on its clock."""
+    now_us: int  # 0: it has not said yet
+    spans: tuple  # of (from_us, to_us), ascending
+    at_us: typing.Optional[int]  # of the current pose; None: it is live
+
+
 class Subscriber(_Object):
     """Watches http://host:port/stream[?rate=raw], and keeps doing so across lost connections; several brokers as of Publisher.
 
@@ -381,6 +389,28 @@ class Subscriber(_Object):
                     copied(raw.velocities, n, 3) if raw.velocities else None,
                     copied(raw.vertex_colours, n, 3) if raw.vertex_colours else None,
                     copied(raw.corner_uv, t, 3, 2) if raw.corner_uv else None)
+
+    def seek(self, *, at_us=None, ago=None, speed=1.0):
+        """Shows what was at `at_us` (as in past()), or `ago` seconds before now, then what followed at `speed` (0.1 to 10; 0: that pose alone):
+        next() passes over all poses of before. Live again by itself at the end of what is kept, and after a lost connection. Where the broker
+        does not do it, next() raises Error once."""
+        if (at_us is None) == (ago is None):
+            raise ValueError("seek: give at_us or ago")
+        check(LIBRARY.ec_subscriber_seek(self._open(), at_us if ago is None else -max(1, round(1e6 * ago)), speed))
+
+    def step(self, forward=True):
+        """Shows the pose after the current one, or the one before it, alone. Raises Error where that is not of the past."""
+        check(LIBRARY.ec_subscriber_step(self._open(), int(forward)))
+
+    def live(self):
+        """Back to what is live."""
+        check(LIBRARY.ec_subscriber_live(self._open()))
+
+    def past(self):
+        """What is kept, and where in it the current pose is, as the broker has said it to next()."""
+        raw = _library.Past()
+        check(LIBRARY.ec_subscriber_get_past(self._open(), ctypes.byref(raw)))
+        return Past(raw.now_us, tuple((span.from_us, span.to_us) for span in raw.spans[:raw.span_count]), raw.at_us if raw.is_past else None)
 
     def image(self):
         """The PNG or JPEG file that corner_uv of the current pose point into, as bytes; None without a texture. It stays with the surface:
