@@ -3,12 +3,13 @@
 """What a broker's history takes, and how soon it shows any moment of it.
 
     bench/broker/history.py --broker BIN/eigencast-broker --sender BIN/eigencast-sender [--clip CLIP] [--seeks 200]
-                            [--hours 1] [-- options of `eigencast-sender play`]
+                            [--hours 1] [--client BIN/eigencast-client] [-- options of `eigencast-sender play`]
 
 A sender plays a clip until a file of the history is whole (a minute). Copies of it, each begun a file's length after the
 one before, make the hours that end now, which a new broker takes up. Then a viewer seeks random moments, with the pose
-alone asked for. Prints a line of JSON: the stream's kbit/s, bytes kept an hour, and milliseconds from a seek to the join
-of its pose.
+alone asked for. With `--client` a native viewer without a window, 1280 x 720, follows one who leads in a room to as many.
+Prints a line of JSON: the stream's kbit/s, bytes kept an hour, and milliseconds from a seek to the join of its pose, and
+to the native viewer's picture of it.
 """
 import argparse
 import json
@@ -19,10 +20,11 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests/support"))
-from websocket_peer import BINARY, TEXT, Broker, Peer, frame
+from websocket_peer import BINARY, TEXT, Broker, Peer, control, frame, next_control, stay
 
 HEADER, HEAD = 12, 17  # Bytes of a recording's header and of a record's head (docs/recording-format.md).
 
@@ -73,6 +75,28 @@ def record(options, folder):
     return recording, seconds
 
 
+def drawn_after(options, broker, folder, moments):
+    """Milliseconds from a seek to its picture in a native viewer that follows."""
+    lead = Peer(broker.port, "/v1/subscribe", "eigencast.v2")
+    lead.send(control(op="enter", room="r", name="lead"))
+    next_control(lead, "room")
+    lead.send(control(op="floor", room="r", floor="lead"))
+    viewer = subprocess.Popen([options.client, f"http://127.0.0.1:{broker.port}/a", "--headless", "--size=1280x720", "--rate=raw", "--room=r",
+                               "--name=viewer", f"--json={folder / 'report'}"], stderr=subprocess.DEVNULL)
+    while not any(member.get("name") == "viewer" for member in next_control(lead, "room").get("members", [])):
+        pass
+    time.sleep(3)  # Until it has the whole surface.
+    threading.Thread(target=stay, args=(lead,), daemon=True).start()
+    for at_us in moments:
+        lead.send(control(op="say", room="r", values={"seek": {"stream": "a", "at_us": at_us, "speed": 0}}))
+        time.sleep(0.4)
+    viewer.terminate()
+    viewer.wait()
+    lead.sock.close()
+    seek_us = json.loads((folder / "report").read_text())["seek_us"]
+    return {"count": seek_us["count"], **{name: round(seek_us[name] / 1000, 1) for name in ("p50", "p90", "p99", "max")}}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--broker", required=True)
@@ -80,6 +104,7 @@ def main():
     parser.add_argument("--clip", default="torus")
     parser.add_argument("--seeks", type=int, default=200)
     parser.add_argument("--hours", type=float, default=1)
+    parser.add_argument("--client")
     parser.add_argument("play", nargs="*")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -123,11 +148,15 @@ def main():
                     pass
                 times.append(1000 * (time.perf_counter() - begun))
             viewer.sock.close()
+            drawn = {}
+            if options.client:
+                moments = [chance.randrange(spans[0]["from_us"], spans[-1]["to_us"]) for _ in range(options.seeks)]
+                drawn = {"native_picture_ms": drawn_after(options, broker, folder, moments)}
     times.sort()
     part = {f"p{p}": round(times[min(len(times) - 1, p * len(times) // 100)], 2) for p in (50, 90, 95, 99)}
     print(json.dumps({"kbit_s": round(frame_bytes(recording) * 8 / seconds / 1000, 1),
                       "bytes_an_hour": round(len(recording) / seconds * 3600), "kept_s": round(kept_s), "seeks": len(times),
-                      "first_pose_ms": {**part, "max": round(times[-1], 2)}}))
+                      "first_pose_ms": {**part, "max": round(times[-1], 2)}, **drawn}))
 
 
 if __name__ == "__main__":

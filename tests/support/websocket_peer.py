@@ -115,6 +115,17 @@ class Peer:
         return struct.unpack(">H", payload[:2])[0] if payload else None
 
 
+def stay(peer):
+    """Answers pings, and takes no notice of all else, until the connection ends: for a thread of its own."""
+    try:
+        while True:
+            opcode, payload = peer.receive()
+            if opcode == PING:
+                peer.send(frame(PONG, payload))
+    except (EOFError, OSError):
+        pass
+
+
 class Broker:
     """A broker on a free port of loopback, with a folder of its own, in a with statement; must end in good order."""
 
