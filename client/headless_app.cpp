@@ -41,22 +41,25 @@ class Headless {
       if (taken_ == 0 && patience_.is_over(session().sources(), session().scene().poses_shown() > 0, steady_now_us()))
         return report_no_stream();
       if (flight_is_over() || (gone = senders_are_gone())) break;
-      session().update(std::chrono::milliseconds(flying() ? 0 : 20), viewer_->camera());
+      const bool changed = session().update(std::chrono::milliseconds(flying() ? 0 : 20), viewer_->camera());
+      const bool is_led = changed && session().room() != nullptr;  // Who leads moves the camera between poses too.
       const auto& all = session().sources();
       const auto whole = [](const PoseSource* source) { return has_whole_surface(*source); };
       if (taken_ == 0 && waits_for_all() && !std::all_of(all.begin(), all.end(), whole)) continue;
       std::string trouble = session().rewind().take_trouble();
+      if (session().rewind().is_settled()) settled_us_ = steady_now_us();
       if (!session().rewind().is_settled()) {
-        if (static_cast<double>(steady_now_us() - start) / 1e6 > options_.wait_s)
+        if (static_cast<double>(steady_now_us() - settled_us_) / 1e6 > options_.wait_s)
           trouble = "the broker does not say what it keeps of it";
         shown_ = session().scene().poses_shown();
         if (trouble.empty()) continue;
       }
-      if (!trouble.empty()) {
+      if (!trouble.empty() && options_.ago_s > 0) {
         log(log_, LogLevel::kError, "--ago: " + trouble);
         return kExitNoStream;
       }
-      if (session().scene().poses_shown() == shown_ && !flying()) continue;
+      if (!trouble.empty()) log(log_, LogLevel::kWarning, "who leads is in the past: " + trouble);
+      if (session().scene().poses_shown() == shown_ && !flying() && !(is_led && taken_ > 0)) continue;
       shown_ = session().scene().poses_shown();
       if (const Result<void> taken = take_picture(); !taken) return taken.error();
     }
@@ -133,7 +136,7 @@ class Headless {
   std::optional<CameraPath> path_;
   std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;
-  TimeUs taken_us_ = 0;
+  TimeUs taken_us_ = 0, settled_us_ = steady_now_us();
   Patience patience_{options_};
 };
 

@@ -2,6 +2,7 @@
 #include "client/rewind_desk.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <cstdlib>
 
@@ -37,14 +38,10 @@ std::optional<TimeUs> shown_of(const PoseSource& source, const SurfaceView* view
 }
 
 /// Of a rewound stream; nothing: it is live.
-std::optional<TimeUs> moment_of(const PoseSource& source, const SurfaceView* view) {
+std::optional<TimeUs> past_of(const PoseSource& source, const SurfaceView* view) {
   if (!source.info() || !source.info()->rewind) return std::nullopt;
   const auto& rewind = *source.info()->rewind;
-  const auto shown_us = shown_of(source, view);
-  if (!shown_us) return rewind.at_us;
-  constexpr double kFarUs = 1e18;  // Beyond what a broker that means well says.
-  const double since_us = static_cast<double>(*shown_us - rewind.capture_us) * rewind.speed;
-  return rewind.at_us + std::llround(std::clamp(since_us, -kFarUs, kFarUs));
+  return moment_of(rewind, shown_of(source, view).value_or(rewind.capture_us));
 }
 
 }  // namespace
@@ -127,7 +124,7 @@ void RewindDesk::advance(std::span<PoseSource* const> sources, const Scene& scen
   if (begin_) go(edge_us_ - std::llround(1e6 * *std::exchange(begin_, std::nullopt)));
   const bool is_on_its_way = wanted_ || asked_;
   if (!is_past_ && !motion_.paused) at_us_ = edge_us_ - (view != nullptr ? view->playout().delay_us() : 0);
-  if (is_past_ && !is_on_its_way && !holds_) at_us_ = moment_of(source, view).value_or(at_us_);
+  if (is_past_ && !is_on_its_way && !holds_) at_us_ = past_of(source, view).value_or(at_us_);
   if (steps_ != 0 && !is_on_its_way) {
     wanted_ = steps_ < 0 ? Wanted{at_us_ - 1, 0} : Wanted{at_us_, 0, true};
     steps_ += steps_ < 0 ? 1 : -1;
@@ -206,7 +203,7 @@ void RewindDesk::ask_why(std::span<PoseSource* const> sources, TimeUs now_us) {
 }
 
 void RewindDesk::follow(const Led& led) {
-  if (!bar_) return;
+  assert(bar_);
   if (!led.at_us) {
     if (!is_past_ && !motion_.paused) return;
     present_wanted_ |= is_past_;

@@ -52,6 +52,7 @@ class RewindDesk {
 
   /// Changes with what the user does, and every two seconds while it plays.
   const Led& led() const { return led_; }
+  /// REQUIRES: bar().
   void follow(const Led& led);
 
  private:

@@ -155,7 +155,7 @@ void RoomDesk::share(RewindDesk& rewind, std::span<PoseSource* const> sources) {
   said_seek_ = std::move(said);
   const RoomState::Member* leading = leads() ? nullptr : state_.holder_of(kLead);
   if (leading == nullptr) heard_seek_.clear();
-  if (leading == nullptr || !follows_) return;
+  if (leading == nullptr || !follows_ || !rewind.bar()) return;  // What is kept may come after what the leader says.
   const auto wanted = leading->values.find(kSeek);
   const std::string text = wanted == leading->values.end() ? std::string() : wanted->second;
   if (text == std::exchange(heard_seek_, text)) return;

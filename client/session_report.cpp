@@ -116,6 +116,7 @@ void PoseRecord::shown(const Scene& scene, TimeUs drawn_us) {
                     {"coefficients", view.coefficients()}};
     shown_ << line.dump() << '\n';
   }
+  shown_.flush();
 }
 
 std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {

@@ -6,12 +6,15 @@
 #include <glm/geometric.hpp>
 #include <numeric>
 
-#include "tests/unit/view/fake_source.h"
+#include "tests/unit/client/past_source.h"
 
 namespace eigencast {
 namespace {
 
 using testing::FakeSource;
+using testing::kBrokerUs;
+using testing::kSecond;
+using testing::PastSource;
 using testing::sphere_asset;
 
 /// A room that the test fills.
@@ -104,6 +107,26 @@ TEST_F(RoomDeskTest, SaysItsCameraWhileItLeadsOnly) {
   room_.state.floors["lead"] = 2;
   settle();
   EXPECT_EQ(room_.said.at("camera"), "null");
+}
+
+TEST_F(RoomDeskTest, WhoEntersLateGoesToTheMomentThatIsHeld) {
+  room_.state.members[2].values["seek"] =
+      R"({"stream":"demo","at_us":)" + std::to_string(kBrokerUs - 30 * kSecond) + R"(,"speed":0})";
+  room_.state.floors["lead"] = 2;
+  advance();
+  PastSource source;
+  std::vector<PoseSource*> sources{&source};
+  Scene scene({Placement{}}, SceneOptions{});
+  RewindDesk rewind;
+  const auto kept = std::exchange(source.kept_, std::nullopt);
+  for (TimeUs now_us = kSecond; now_us < 2 * kSecond; now_us += kSecond / 10) {
+    if (now_us > 3 * kSecond / 2) source.kept_ = kept;  // It comes after what the room says.
+    rewind.advance(sources, scene, now_us);
+    desk_.share(rewind, sources);
+  }
+  ASSERT_EQ(source.seeks.size(), 1U);
+  EXPECT_EQ(source.seeks[0].at_us, kBrokerUs - 30 * kSecond);
+  EXPECT_EQ(source.seeks[0].speed, 0);
 }
 
 TEST_F(RoomDeskTest, CamerasOfEvilDoNothing) {

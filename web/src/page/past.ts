@@ -176,7 +176,7 @@ export class Rewinder implements Played {
     if (stream !== this.#shows.info?.stream) return;
     const all = (Array.isArray(spans) ? spans : []).map((one) => ({ fromUs: Number(Object(one).from_us), toUs: Number(Object(one).to_us) }));
     this.spans = all.filter(({ fromUs, toUs }) => fromUs <= toUs);
-    if (Number.isFinite(now_us)) this.#heard = { nowUs: now_us as number, atMs: nowMs };
+    if (Number.isFinite(now_us)) this.#heard = { nowUs: (this.nowUs = now_us as number), atMs: nowMs };
     this.#why = code ? `${message} (${code})` : NOTHING;
     if (!code || !this.#asked) return;
     this.trouble = this.#why;

@@ -178,7 +178,7 @@ export class RoomDesk {
       does();
       this.#refresh();
     });
-    setInterval(() => this.#say(), SAY_MS);
+    setInterval(() => (this.#followInTime(), this.#say()), SAY_MS);
     const turn = (nowMs: number): void => {
       requestAnimationFrame(turn);
       this.#turn(nowMs);
@@ -216,14 +216,13 @@ export class RoomDesk {
       console.warn(`eigencast: room: ${(error as Error).message}`);
     }
     this.#leader = this.state.floors.get('lead') ?? 0;
-    this.#followInTime();
     this.#placeMarks();
     this.#refresh();
   }
   #followInTime(): void {
     const { leader, self } = this.state, value = leader?.values.get('seek'), text = JSON.stringify(value) ?? '';
     if (!leader || this.#leader === self) this.#heardSeek = '';
-    if (!leader || this.#leader === self || !this.follows || text === this.#heardSeek) return;
+    if (!leader || this.#leader === self || !this.follows || !this.#past.hasPast || text === this.#heardSeek) return;
     this.#heardSeek = text;
     const { at_us, speed } = Object(value) as Json;
     this.#past.follow(typeof at_us === 'number' && typeof speed === 'number' && at_us >= 0 && speed >= 0 && speed <= MAX_SPEED ? { atUs: at_us, speed } : undefined);
