@@ -167,7 +167,7 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
         {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
         {"--sync", &options.sync,
          "show the same moment as all who give this name for their group, as late as the slowest of them needs (300 ms "
-         "at most); goes with --playout interpolate (default then) or estimate"},
+         "at most); goes with --playout estimate (default then: poses that come later are estimated) or interpolate"},
         {"--ago", &options.ago_s,
          "begin so many seconds ago, where the broker keeps what it streamed and the token may see it again (rewind)",
          Range{0.001, 1e9}},
@@ -320,7 +320,8 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
     return wrong("--smooth and --delay both say how long poses are held back; give one of them");
   PlayoutSettings& playout = options.view_options.playout;
   playout.mode = kPlayoutNames.find(raw.playout).value_or(PlayoutMode::kLatest);
-  if (!options.sync.empty() && !line.has("--playout")) playout.mode = PlayoutMode::kInterpolate;
+  // Who has a late pose yet to get shows the moment of all by an estimate; in the past, which has no lag, all wait.
+  if (!options.sync.empty() && !line.has("--playout")) playout.mode = PlayoutMode::kEstimate, playout.smoothness = 1;
   // So that poses of both have come.
   if (!options.compare.empty() && !options.playout_given) playout.mode = PlayoutMode::kInterpolate;
   if (line.has("--smooth")) playout.smoothness = raw.smooth;

@@ -48,6 +48,16 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_EQ(linear.profile->scheme, Profile::Scheme::kLinear);
 }
 
+TEST(Options, AGroupEstimatesWhatComesLate) {
+  const auto playout_of = [](std::vector<const char*> words) {
+    return std::get<ClientOptions>(parsed(std::move(words))).view_options.playout;
+  };
+  const PlayoutSettings usual = playout_of({"ws://h/a", "--sync", "g"});
+  EXPECT_EQ(usual.mode, PlayoutMode::kEstimate);
+  EXPECT_EQ(Playout(usual).smoothness(), 1) << "where it is in step with nobody, poses are waited for";
+  EXPECT_EQ(playout_of({"ws://h/a", "--sync", "g", "--playout", "interpolate"}).mode, PlayoutMode::kInterpolate);
+}
+
 TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   const testing::TemporaryFolder folder;
   ::setenv("XDG_CONFIG_HOME", folder.path().c_str(), 1);

@@ -28,6 +28,7 @@ export function inStep(playout: Playout, broker: Pick<Broker, 'onText' | 'sendTe
     }
   };
   broker.onText.add(hear);
+  playout.set({ mode: 'estimate', smoothness: 1 });  // As client/options.cpp.
   const at = playout.at.bind(playout), free = playout.free.bind(playout);
   return Object.assign(playout, {
     at(nowUs: bigint) {

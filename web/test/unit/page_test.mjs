@@ -163,7 +163,8 @@ test('AGroupShowsTheMomentThatTheBrokerSays', () => {
   const kept = [], sent = [], onText = new Set(), unknown = -(2n ** 63n), broker = { onText, sendText: (text) => sent.push(JSON.parse(text)) };
   let needed = unknown, freed = 0;
   const stream = { name: 'lab/horse', status: {} };
-  const playing = inStep({ keepLag: (lag) => (kept.push(lag), needed), at: (nowUs) => nowUs, free: () => ++freed }, broker, stream);
+  let settings;
+  const playing = inStep({ set: (given) => (settings = given), keepLag: (lag) => (kept.push(lag), needed), at: (nowUs) => nowUs, free: () => ++freed }, broker, stream);
   const moment = (text) => onText.forEach((hear) => hear(text));
   assert.equal(playing.at(3n), 3n);
   stream.status = { clock: { offsetUs: 1_000 } };
@@ -181,6 +182,7 @@ test('AGroupShowsTheMomentThatTheBrokerSays', () => {
   assert.deepEqual(kept, [unknown, unknown, 40_000n, 40_000n, 40_000n, unknown], 'on our own; none of a connection that is new');
   playing.free();
   assert.deepEqual([freed, onText.size], [1, 0]);
+  assert.deepEqual(settings, { mode: 'estimate', smoothness: 1 }, 'a late pose is estimated, and nothing else is hurried');
 });
 
 test('AddressesSayBrokerStreamProfileAndCamera', () => {
