@@ -120,7 +120,8 @@ double at(const std::vector<TimeUs>& sorted, double part) {
 int main(int argc, char** argv) {
   const auto url = argc > 1 ? parse_broker_url(argv[1]) : Result<BrokerUrl>(fail(ErrorCode::kInvalidArgument, "URL?"));
   if (!url)
-    return std::fprintf(stderr, "one_moment URL [VIEWERS [SECONDS [GROUP [LOSS [PLAYOUT]]]]]: %s\n", url.error().message.c_str()),
+    return std::fprintf(stderr, "one_moment URL [VIEWERS [SECONDS [GROUP [LOSS [PLAYOUT]]]]]: %s\n",
+                        url.error().message.c_str()),
            2;
   const int count = argc > 2 ? std::atoi(argv[2]) : 100;
   const double seconds = argc > 3 ? std::atof(argv[3]) : 20;

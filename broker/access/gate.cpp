@@ -203,7 +203,8 @@ Result<void> Grant::take(Resource resource) {
 Result<void> Grant::take_watched_stream() {
   const std::int64_t max = policy_->max_watched_streams();
   const std::int64_t own = site_->resources[static_cast<std::size_t>(Resource::kStream)].count();
-  if (own >= share_of(max, gate_.watched_streams_.count(), own, spared_)) return too_few_free("max_watched_streams", max);
+  if (own >= share_of(max, gate_.watched_streams_.count(), own, spared_))
+    return too_few_free("max_watched_streams", max);
   return take(Resource::kStream);
 }
 
