@@ -444,6 +444,30 @@ def many_watched(port, ready, go, addresses=8, connections=24, streams=256):
     return f"{watching} watched, {len(peers)} connections"
 
 
+def unread_keys(port, ready, go, streams=20, viewers=300):
+    """Streams of one number and as many keys as come through, for viewers of one address that read nothing."""
+    tiny = {**SMALL, "rows": 1, "channels": 1, "band_ends": [1]}
+    senders = [Sender(port, f"attack/unread/{i}", tiny, "203.0.113.200") for i in range(streams)]
+    for sender in senders:
+        sender.join()
+    subscriptions = b"".join(frame(TEXT, json.dumps({"op": "subscribe", "stream": f"attack/unread/{i}", "profile": {"rate": "raw"}}).encode())
+                             for i in range(streams))
+    peers = [Peer(port, "/v1/subscribe", SUBPROTOCOL, ["X-Forwarded-For: 203.0.113.200"], receive_buffer=2048) for _ in range(viewers)]
+    for peer in peers:
+        peer.send(subscriptions)
+    keys, sent = [b"".join(sender.frame(payloads.KEY, zeros(tiny)[1]) for _ in range(256)) * 16 for sender in senders], [0] * streams
+    for sender in senders:
+        sender.peer.sock.setblocking(False)
+    ready()
+    while go():
+        for i, sender in enumerate(senders):
+            with contextlib.suppress(BlockingIOError):
+                at = sent[i] % len(keys[i])
+                sent[i] += sender.peer.sock.send(keys[i][at:at + 16384])
+        time.sleep(0.001)
+    return f"{sum(sent) * 256 * 16 // len(keys[0])} keys, {len(peers)} viewers of {streams} streams"
+
+
 def new_names(port, ready, go):
     """Two tokens announce streams under ever new names, of which all brokers keep a row. (D6)"""
     subjects = [f"Authorization: Bearer {token(name, pub=['**'])}" for name in ("a", "b")]
@@ -548,7 +572,7 @@ def ask_upgrade(port, forwarded):
 
 
 TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
-         full_rooms, moments, many_watched, new_names]
+         full_rooms, moments, many_watched, unread_keys, new_names]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 
 
