@@ -81,7 +81,7 @@ Rewind::Rewind(Context& context, Viewer& viewer, const control::Seek& first, std
       holder_(std::move(holder)),
       profile_(wanted),
       place_(std::move(place)),
-      reader_(*context.history.kept, first.stream),
+      reader_(*context.history.kept, first.stream, context.hub.poses_charge(holder_)),
       timer_(context.loop.get_executor()) {}
 
 Rewind::~Rewind() {

@@ -15,6 +15,25 @@ bool is_idle(const Stream& stream) {
   return !stream.has_publisher() && stream.watchers_here() == 0 && !stream.is_mirrored();
 }
 
+std::int64_t memory_of(const MemorySegment& segment) {
+  return kSegmentBytes + static_cast<std::int64_t>(segment.values.size() * sizeof(std::int32_t));
+}
+
+std::shared_ptr<const MemorySegment> charged(std::shared_ptr<const MemorySegment> segment,
+                                             std::shared_ptr<StreamMemory> memory, const std::string& payer,
+                                             std::int64_t bytes) {
+  auto charge = memory->poses.hold(payer, bytes);
+  const MemorySegment* poses = segment.get();
+  // Others may hold it when the hub has gone: what it is charged to goes last.
+  return {poses, [memory = std::move(memory), held = std::move(segment), charge = std::move(charge)](const auto*) {}};
+}
+
+Error too_many_poses(std::int64_t bytes, std::int64_t max) {
+  return fail(ErrorCode::kTooLarge, "its poses take " + std::to_string(bytes) + " bytes, and of the " +
+                                        std::to_string(max) +
+                                        " that memory.max_bytes allows too few are free for one that holds more");
+}
+
 }  // namespace
 
 Result<Stream*> Hub::open(std::string_view name, const Charge& charge, const std::string& holder) {
@@ -76,8 +95,7 @@ Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segm
   Generation next{number, before != nullptr ? before->root : number,
                   before != nullptr ? before->poses : PoseMemory(stream.layout()), std::move(segments)};
   const auto bytes_of = [&](const Generation::Segment& segment) {
-    const std::size_t coded = segment.coded ? segment.coded->size() : 0;
-    return kSegmentBytes + static_cast<std::int64_t>(segment.poses->values.size() * sizeof(std::int32_t) + coded);
+    return memory_of(*segment.poses) + static_cast<std::int64_t>(segment.coded ? segment.coded->size() : 0);
   };
   Shares& poses = settings_.stream.memory->poses;
   const std::string& payer = stream.keys_.payer;
@@ -86,22 +104,26 @@ Result<void> Hub::remember(Stream& stream, std::vector<Generation::Segment> segm
   const auto is_new = [](const Generation::Segment& segment) { return segment.since == 0; };
   std::int64_t bytes = 0;
   for (const auto& segment : added) bytes += is_new(segment) ? bytes_of(segment) : 0;
-  if (!poses.fits(payer, bytes, settings_.stream.max_memory_bytes)) {
-    return fail(ErrorCode::kTooLarge, "its poses take " + std::to_string(bytes) + " bytes, and of the " +
-                                          std::to_string(settings_.stream.max_memory_bytes) +
-                                          " that memory.max_bytes allows too few are free for one that holds more");
-  }
+  if (!poses.fits(payer, bytes, settings_.stream.max_memory_bytes))
+    return too_many_poses(bytes, settings_.stream.max_memory_bytes);
   for (auto& segment : added) {
     if (is_new(segment)) {
-      // Recordings may hold them when the hub has gone: what they are charged to goes last.
-      segment.poses = {segment.poses.get(), [memory = settings_.stream.memory, held = segment.poses,
-                                             charge = poses.hold(payer, bytes_of(segment))](const auto*) {}};
+      segment.poses = charged(segment.poses, settings_.stream.memory, payer, bytes_of(segment));
     }
     segment.since = number;
     if (auto grown = next.poses.add(segment.poses); !grown) return grown;
   }
   stream.set_memory(std::make_shared<const Generation>(std::move(next)));
   return {};
+}
+
+PosesCharge Hub::poses_charge(const std::string& holder) const {
+  return [memory = settings_.stream.memory, holder, max = settings_.stream.max_memory_bytes](
+             std::shared_ptr<const MemorySegment> segment) -> Result<std::shared_ptr<const MemorySegment>> {
+    const std::int64_t bytes = memory_of(*segment);
+    if (!memory->poses.fits(holder, bytes, max)) return too_many_poses(bytes, max);
+    return charged(std::move(segment), memory, holder, bytes);
+  };
 }
 
 void Hub::discharge(Stream& stream) {

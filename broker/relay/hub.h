@@ -40,6 +40,8 @@ class Hub {
   /// segments then come first. Its poses are charged to who pays for its keys. Errors: kTooLarge (max_memory_bytes;
   /// PoseMemory).
   Result<void> remember(Stream& stream, std::vector<Generation::Segment> segments);
+  /// For poses that others hold; `holder` pays. It may outlive the hub.
+  PosesCharge poses_charge(const std::string& holder) const;
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`. May destroy the stream.
   void unwatched(Stream& stream);

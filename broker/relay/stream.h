@@ -105,6 +105,10 @@ struct StreamMemory {
   Shares poses;    ///< That streams remember, of their senders.
 };
 
+/// The segment, which somebody pays for as long as it is there. Thread-safe. Errors: kTooLarge.
+using PosesCharge =
+    std::function<Result<std::shared_ptr<const MemorySegment>>(std::shared_ptr<const MemorySegment> segment)>;
+
 /// Counts something towards somebody's limit until the pointer ends. Errors: kRefused (the limit is reached).
 using Charge = std::function<Result<std::shared_ptr<void>>()>;
 

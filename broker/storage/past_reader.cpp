@@ -226,7 +226,9 @@ Result<void> PastReader::load_memory(ByteView ids) {
       auto decoded =
           decode_segment(decoder_->layout(), asset->digest, ByteView(object->body).subspan(recording::kIdBytes));
       if (!decoded) return decoded.error();
-      segment = *std::move(decoded);
+      auto paid = charge_(*std::move(decoded));
+      if (!paid) return paid.error();
+      segment = *std::move(paid);
     }
     if (!segment) return fail(ErrorCode::kCorrupt, file_ + " lacks a part of its memory");
     memory.segments.push_back({id.hex(), segment, generation_});

@@ -38,10 +38,12 @@ class PastReader {
 
   static constexpr TimeUs kSeamUs = 1'000'000;  ///< From one file to the next, where that is no gap.
 
-  PastReader(const Recorder& kept, std::string stream) : kept_(kept), stream_(std::move(stream)) {}
+  /// charge  of the memory that keys need
+  PastReader(const Recorder& kept, std::string stream, PosesCharge charge)
+      : kept_(kept), stream_(std::move(stream)), charge_(std::move(charge)) {}
 
   /// The pose that was asked for alone; or, where it is of the present, nothing and `ends`. Capture times go on from
-  /// `origin_us`. Errors: kNotFound (nothing is kept), kCorrupt, kIo.
+  /// `origin_us`. Errors: kNotFound (nothing is kept), kTooLarge (by `charge`), kCorrupt, kIo.
   Result<Passage> seek(const control::Seek& wanted, TimeUs origin_us);
   /// What follows up to a time, or a part of it; beyond a gap its first pose. Errors: as seek().
   Result<Passage> go_on(TimeUs until_us);
@@ -65,6 +67,7 @@ class PastReader {
 
   const Recorder& kept_;
   const std::string stream_;
+  const PosesCharge charge_;
   double speed_ = 1;
   std::string file_;
   TimeUs from_us_ = 0;

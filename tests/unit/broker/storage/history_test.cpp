@@ -5,7 +5,9 @@
 
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <random>
+#include <utility>
 
 #include "broker/relay/hub.h"
 #include "broker/storage/past_reader.h"
@@ -92,6 +94,7 @@ class HistoryTest : public ::testing::Test {
   std::unique_ptr<History> history_;
   std::unique_ptr<Stream> stream_;
   FakeSender sender_;
+  const PosesCharge free_ = [](auto segment) { return Result(std::move(segment)); };
   std::uint32_t epoch_ = 0;
   TimeUs first_us_ = 0, now_us_ = 0;
 };
@@ -105,7 +108,7 @@ TEST_F(HistoryTest, EveryMomentIsFoundAndPlaysOnFromFileToFile) {
   const auto end_us = now_us_ - kEvery;
   ASSERT_TRUE(eventually([&] { return pieces().size() == 3 && pieces().back().to_us >= at(end_us); }));
   std::mt19937 random(1);
-  PastReader reader(*history_->kept, "lab/horse");
+  PastReader reader(*history_->kept, "lab/horse", free_);
   for (int i = 0; i < 60; ++i) {
     const auto sequence = std::uniform_int_distribution<std::uint64_t>(0, kKeys - 2)(random);
     const TimeUs at_us = at(first_us_ + static_cast<TimeUs>(sequence) * kEvery);
@@ -142,7 +145,7 @@ TEST_F(HistoryTest, WhatIsStillBeingWrittenIsReadOn) {
   start(5 * kSecond);
   announce();
   send(10);
-  PastReader reader(*history_->kept, "lab/horse");
+  PastReader reader(*history_->kept, "lab/horse", free_);
   std::optional<Passage> found;
   ASSERT_TRUE(eventually([&] {
     auto passage = reader.seek({"lab/horse", at(now_us_), false, 0}, 1);
@@ -200,7 +203,7 @@ TEST_F(HistoryTest, GapsAreLeftOutAndAnotherAssetBeginsAnew) {
   EXPECT_EQ(told.spans[1].from_us, at(first_end_us + kSecond / 30 + 60 * kSecond));
   EXPECT_EQ(told.spans[1].to_us, told.now_us);
 
-  PastReader reader(*history_->kept, "lab/horse");
+  PastReader reader(*history_->kept, "lab/horse", free_);
   const auto in_gap = reader.seek({"lab/horse", at(first_end_us + 30 * kSecond), false, 0}, 1);
   ASSERT_TRUE(in_gap);
   expect_pose(in_gap->poses[0], 30);
@@ -222,7 +225,7 @@ TEST_F(HistoryTest, GapsAreLeftOutAndAnotherAssetBeginsAnew) {
 
 TEST_F(HistoryTest, WhatIsOfThePresentOrOfNothingIsNotSought) {
   start(10 * kSecond);
-  PastReader reader(*history_->kept, "lab/horse");
+  PastReader reader(*history_->kept, "lab/horse", free_);
   EXPECT_EQ(reader.seek({"lab/horse", 1, false, 1}, 1).error().code, ErrorCode::kNotFound);
   announce();
   send(30);
@@ -334,7 +337,7 @@ TEST_F(HistoryTest, AKilledRecorderLeavesAllButTheEnd) {
   std::filesystem::rename(copy, settings_.folder);
   restart();
   ASSERT_TRUE(eventually([&] { return pieces().size() == 2 && files() == 2; })) << "what cannot be read is removed";
-  PastReader reader(*history_->kept, "lab/horse");
+  PastReader reader(*history_->kept, "lab/horse", free_);
   const auto first = reader.seek({"lab/horse", first_at_us, false, 0}, 1);
   ASSERT_TRUE(first);
   expect_pose(first->poses[0], 0);
@@ -349,10 +352,10 @@ TEST_F(HistoryTest, KeysOfAMemoryAreSeenWithoutIt) {
   const auto segment = segment_of(0, 200, Sha256::from_hex(small_announce().asset)->digest);
   PoseMemory memory(small_layout());
   ASSERT_TRUE(memory.add(segment.poses));
-  auto held = segment;
-  held.since = 1;
+  auto known = segment;
+  known.since = 1;
   send(3);
-  stream_->set_memory(std::make_shared<const Generation>(Generation{1, 1, memory, {held}}));
+  stream_->set_memory(std::make_shared<const Generation>(Generation{1, 1, memory, {known}}));
   std::vector<Key> sent;
   for (std::uint32_t i = 3; i < 60 * 30; ++i, now_us_ += kSecond / 20) {
     const std::uint32_t phase = PoseMemory::kParts * (i % 150);
@@ -360,7 +363,13 @@ TEST_F(HistoryTest, KeysOfAMemoryAreSeenWithoutIt) {
     sent.push_back(sender_.sent());
   }
   ASSERT_TRUE(eventually([&] { return pieces().size() >= 2 && pieces().back().to_us >= at(now_us_ - kSecond / 20); }));
-  PastReader reader(*history_->kept, "lab/horse");
+  const auto poses = std::make_shared<StreamMemory>();
+  Hub small({.stream = {.max_memory_bytes = 200, .memory = poses}}), hub({.stream = {.memory = poses}});
+  PastReader poor(*history_->kept, "lab/horse", small.poses_charge("viewer"));
+  EXPECT_EQ(poor.seek({"lab/horse", at(first_us_ + 40 * kSecond), false, 1}, 1).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(poses->poses.used(), 0);
+  std::optional<PastReader> held(std::in_place, *history_->kept, "lab/horse", hub.poses_charge("viewer"));
+  PastReader& reader = *held;
   for (const int second : {1, 30, 61, 80}) {
     const auto found = reader.seek({"lab/horse", at(first_us_ + second * kSecond), false, 1}, 1);
     ASSERT_TRUE(found) << found.error().message;
@@ -375,6 +384,9 @@ TEST_F(HistoryTest, KeysOfAMemoryAreSeenWithoutIt) {
         ASSERT_NEAR(pose.key->after->newer.q[i], was.q[i], 8) << pose.key->sequence;
     }
   }
+  EXPECT_GE(poses->poses.held("viewer"), std::ssize(segment.poses->values) * 4);
+  held.reset();
+  EXPECT_EQ(poses->poses.used(), 0);
 }
 
 TEST_F(HistoryTest, AssetsStayWithTheirPast) {
