@@ -10,6 +10,8 @@
 #include <memory_resource>
 #include <utility>
 
+#include "broker/sockets/loop_share.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -18,7 +20,9 @@ using websocket::Opcode;
 
 // Reads per turn, and work, so that a busy sender does not starve other connections.
 constexpr int kMaxReads = 4;
-constexpr double kTurnUs = 500;
+constexpr double kTurnUs = 500, kViewersTurnUs = 100;
+// What took longer was interrupted by other programs.
+constexpr TimeUs kMaxTookUs = 20'000;
 
 constexpr double kBinaryBytesPerUs = 2'000;
 // JSON at its worst, "[]" over and over; acknowledgements and all else that is common is shorter.
@@ -133,8 +137,45 @@ void Connection::wait_to_read(Transport::Wait wait) {
 }
 
 void Connection::on_readable() {
-  if (ended_) return;  // Since this was posted.
+  if (takes_turns()) return in_turn(reading_, &Connection::read);
   turn_us_ = 0;
+  read();
+}
+
+void Connection::beat() {
+  in_turn(telling_, &Connection::on_beat);
+}
+
+void Connection::in_turn(Asked& asked, void (Connection::*work)()) {
+  if (ended_ || asked.waits) return;
+  const TimeUs from_us = steady_now_us();
+  asked.paid_us = 0;
+  if (context_.viewers.is_free(from_us)) return run_paid(asked, work);
+  asked.paid_us = std::max(asked.took_us, 1.0);  // It will be as the last time.
+  const auto then = [self = shared_from_this(), &asked, work, from_us] {
+    asked.waits = false;
+    asked.waited_us = steady_now_us() - from_us;
+    self->guarded([&] { self->run_paid(asked, work); });
+  };
+  asked.waits = !context_.viewers.take(grant_->holder(), asked.paid_us, 0, then);
+  if (!asked.waits) run_paid(asked, work);
+}
+
+void Connection::run_paid(Asked& asked, void (Connection::*work)()) {
+  const TimeUs from_us = steady_now_us();
+  turn_us_ = 0;
+  (this->*work)();
+  const TimeUs now_us = steady_now_us();
+  asked.took_us = std::max(turn_us_, static_cast<double>(std::min(now_us - from_us, kMaxTookUs)));
+  context_.viewers.pay(asked.took_us - asked.paid_us, now_us);
+}
+
+void Connection::read() {
+  if (ended_) return;  // Since this was posted.
+  if (const TimeUs waited_us = std::exchange(reading_.waited_us, 0); waited_us > 0) {
+    last_input_us_ = context_.turn.now_us();  // Its silence is not its own.
+    reader_.excuse(waited_us);
+  }
   if (unpaid_us_ > 0) pay(0);
   if (paused_) return;
   // Without bytes too: a frame may be paid for, and be empty.
@@ -218,6 +259,7 @@ double Connection::binary_work_us(std::uint64_t bytes, bool /*last*/) const {
 }
 
 void Connection::charge(double work_us) {
+  note_work(work_us);
   (void)grant_->take_work(work_us, context_.turn.now_us(), kForeverUs);
 }
 
@@ -238,7 +280,7 @@ void Connection::begin_frame(const websocket::MessageReader::Event& event) {
 void Connection::pay(TimeUs wait_us) {
   const auto taken = grant_->take_work(unpaid_us_, context_.turn.now_us(), kMaxPauseUs);
   turn_us_ += unpaid_us_;
-  const bool full = turn_us_ > kTurnUs && turn_us_ > unpaid_us_;
+  const bool full = turn_us_ > (takes_turns() ? kViewersTurnUs : kTurnUs) && turn_us_ > unpaid_us_;
   if (taken) unpaid_us_ = 0;
   const TimeUs work_wait_us = taken.value_or(kMaxPauseUs);
   if (std::max(wait_us, work_wait_us) == 0) return full ? pause(0) : void();
@@ -379,7 +421,7 @@ void Connection::close_when_sent(const std::string& reason, CloseCode code) {
 }
 
 void Connection::tick() {
-  const TimeUs silent_us = context_.turn.now_us() - last_input_us_;
+  const TimeUs silent_us = reading_.waits ? 0 : context_.turn.now_us() - last_input_us_;
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
   if (silent_us > idle_us) {
     log(context_.log, LogLevel::kWarning,

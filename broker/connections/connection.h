@@ -39,8 +39,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::uint64_t id() const { return id_; }
   std::string name() const;
 
-  /// Sends what is new in rooms, unless what was sent before still waits.
-  virtual void tell_news() {}
+  /// Has it send what is new, in its turn among viewers.
+  void beat();
 
   /// Called once a second: pings a silent peer, closes after timeouts.idle_ms or when the token expires.
   void tick();
@@ -60,6 +60,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   /// Called once, after the last read and write.
   virtual void on_closed() = 0;
   virtual void on_tick() {}
+  virtual void on_beat() {}
+  /// Whether its messages take turns with those of all viewers.
+  virtual bool takes_turns() const { return false; }
   /// The most bytes read at a time: the control queue must hold the answers to one read.
   virtual std::size_t read_bytes() const { return context_.read_buffer.size(); }
   virtual FramePtr join_of(std::uint32_t /*stream_id*/) { return nullptr; }
@@ -87,6 +90,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
   /// Takes work that is done from the budget of the holder: what comes next may wait for it.
   void charge(double work_us);
+  /// Counts what it makes the loop do later in this turn of its own.
+  void note_work(double work_us) { turn_us_ += work_us; }
   /// Runs a handler's work. An exception (no memory) closes only this connection.
   template <typename Work>
   void guarded(Work work);
@@ -99,8 +104,20 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void written(const Transport::Outcome& outcome) override;
   void sent(const Transport::Outcome& outcome) override;
 
+  /// Something that it asks for again and again.
+  struct Asked {
+    double took_us = 0;    ///< The last time,
+    double paid_us = 0;    ///< and what is paid for this one.
+    TimeUs waited_us = 0;  ///< For this one.
+    bool waits = false;    ///< For its turn.
+  };
+  /// Runs it in its turn among all that viewers ask for, at once if nobody waits.
+  void in_turn(Asked& asked, void (Connection::*work)());
+  void run_paid(Asked& asked, void (Connection::*work)());
+
   void wait_to_read(Transport::Wait wait);
   void on_readable();
+  void read();
   bool take_input(std::span<std::uint8_t> input);
   void on_event(const websocket::MessageReader::Event& event);
   void on_ping(std::string_view payload);
@@ -159,8 +176,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.
   std::string close_reason_;
   RateLimiter control_;
-  double unpaid_us_ = 0;             ///< Of the frame that begins.
-  double turn_us_ = 0;               ///< Work of this turn.
+  double unpaid_us_ = 0;  ///< Of the frame that begins.
+  double turn_us_ = 0;    ///< Work of this turn.
+  Asked reading_, telling_;
   std::unique_ptr<Timer> pause_;     ///< While it has to wait for its turn.
   std::unique_ptr<Timer> deadline_;  ///< For closing.
   ConnectionCount counted_;

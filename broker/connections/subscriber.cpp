@@ -15,6 +15,7 @@ namespace {
 
 /// Of a message about a room: what its making costs, of which those that get the same share a part only.
 constexpr double kNewsUs = 10, kNewsBytesPerUs = 50, kMomentUs = 1;
+constexpr double kWriteUs = 5, kWrittenBytesPerUs = 1'000;  // Which each has for itself.
 constexpr TimeUs kTellLagUs = 1'000, kNoteEveryUs = 100'000;
 
 }  // namespace
@@ -319,7 +320,7 @@ Result<void> Subscriber::try_to_enter(const control::Enter& wish) {
   answer.resume = *secret;
   answer.speaks = grant().may_speak(wish.room).has_value();
   send(answer);
-  tell_news();
+  on_beat();
   return {};
 }
 
@@ -343,7 +344,7 @@ void Subscriber::leave(const control::Leave& what) {
   follow_beat();
 }
 
-void Subscriber::tell_news() {
+void Subscriber::on_beat() {
   guarded([this] {
     const TimeUs now_us = steady_now_us();
     if (outbox().control_messages() > 0 || is_closing() || now_us < news_due_us_) return;
@@ -365,6 +366,7 @@ double Subscriber::tell_room(const std::string& room, const Rooms::Seat& seat) {
     work_us += kNewsUs;
     send(text);
   }
+  note_work(work_us > 0 ? kWriteUs + bytes / kWrittenBytesPerUs : 0);
   const TimeUs now_us = steady_now_us();
   rooms_due_us_ = now_us + *news_bytes_.take(bytes, kNewsBytesPerS, kNewsBurst, now_us, kForeverUs);
   return work_us + bytes / kNewsBytesPerUs;

@@ -36,7 +36,6 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override { send_droppable(text); }
   void describe(ClientInfo& info) const override;
-  void tell_news() override;
 
  private:
   struct Watched {
@@ -54,6 +53,8 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   void on_binary(ByteView message) override;
   void on_closed() override;
   void on_tick() override;
+  void on_beat() override;
+  bool takes_turns() const override { return true; }
   /// Short requests have long answers.
   std::size_t read_bytes() const override { return 2048; }
   FramePtr join_of(std::uint32_t stream_id) override;

@@ -29,7 +29,7 @@ class Hub;
 class Loops;
 class FairReads;
 class Moments;
-class NewcomerTime;
+class LoopShare;
 class Ownership;
 class Recorder;
 class Rooms;
@@ -56,7 +56,8 @@ struct Context : SharedContext {
   Config config;                  ///< As of the latest reload.
   Hub& hub;
   Turn& turn;  ///< Writes at the end of each turn of the loop.
-  NewcomerTime& newcomers;
+  LoopShare& newcomers;  ///< Time for HTTP and TLS handshakes,
+  LoopShare& viewers;    ///< and for what viewers ask for: crowds at many addresses have many budgets.
   Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
   FairReads& memory_reads;  ///< Memories of senders here and at other brokers. Of the first loop.

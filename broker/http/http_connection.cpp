@@ -215,11 +215,11 @@ void HttpConnection::start() {
   });
 }
 
-NewcomerTime::Supply HttpConnection::hold_handshake() {
-  if (!transport_.socket().is_open()) return NewcomerTime::Supply::kGone;
-  if (!store(unfinished_, hold_bytes(kHandshakeBytes))) return NewcomerTime::Supply::kShort;
+LoopShare::Supply HttpConnection::hold_handshake() {
+  if (!transport_.socket().is_open()) return LoopShare::Supply::kGone;
+  if (!store(unfinished_, hold_bytes(kHandshakeBytes))) return LoopShare::Supply::kShort;
   disarm();
-  return NewcomerTime::Supply::kHeld;
+  return LoopShare::Supply::kHeld;
 }
 
 void HttpConnection::begin_handshake() {

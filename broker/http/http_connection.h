@@ -14,7 +14,7 @@
 
 #include "broker/access/gate.h"
 #include "broker/context/context.h"
-#include "broker/sockets/newcomer_time.h"
+#include "broker/sockets/loop_share.h"
 #include "broker/sockets/transport.h"
 
 namespace eigencast::broker {
@@ -130,8 +130,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Takes what a handshake or a read costs from its holder's budget; how long it must wait. Nothing: longer than
   /// most_us, and it was not taken.
   virtual std::optional<TimeUs> take_work(double /*us*/, TimeUs /*most_us*/) { return 0; }
-  /// As NewcomerTime::take().
-  virtual bool take_turn(double, TimeUs, std::function<void()>, NewcomerTime::Hold = {}) { return true; }
+  /// As LoopShare::take().
+  virtual bool take_turn(double, TimeUs, std::function<void()>, LoopShare::Hold = {}) { return true; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
   virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
@@ -154,7 +154,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void do_on_disk(std::function<void()> work, std::function<void()> then);
   void read_head();
   void read_more_head();
-  NewcomerTime::Supply hold_handshake();
+  LoopShare::Supply hold_handshake();
   void begin_handshake();
   void shake_hands();
   /// After a read, and before what takes `more_us`: what to wait for, whatever its error says, or null.

@@ -70,9 +70,9 @@ class HttpSession final : public HttpConnection {
     return grant_->take_http_work(us, steady_now_us(), most_us);
   }
 
-  bool take_turn(double us, TimeUs wait_us, std::function<void()> then, NewcomerTime::Hold hold) override {
+  bool take_turn(double us, TimeUs wait_us, std::function<void()> then, LoopShare::Hold hold) override {
     const bool is_free = grant_->is_proxy();
-    if (is_free && (!hold || hold() == NewcomerTime::Supply::kHeld)) return true;
+    if (is_free && (!hold || hold() == LoopShare::Supply::kHeld)) return true;
     return context().newcomers.take(grant_->holder(), is_free ? 0 : us, wait_us, std::move(then), std::move(hold));
   }
 

@@ -61,12 +61,19 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
     : hub_(hub_settings(config, std::move(taps), siblings.ids, siblings.memory, std::move(on_opened))),
       memory_reads_(reads_on(shared.disk)),
       past_reads_(reads_on(shared.past)),
-      context_{shared,          io_,
-               config,          hub_,
-               turn_,           newcomers_,
-               siblings.loops,  siblings.last_connection_id,
-               memory_reads_,   past_reads_,
-               siblings.rooms,  siblings.moments},
+      context_{shared,
+               io_,
+               config,
+               hub_,
+               turn_,
+               newcomers_,
+               viewers_,
+               siblings.loops,
+               siblings.last_connection_id,
+               memory_reads_,
+               past_reads_,
+               siblings.rooms,
+               siblings.moments},
       io_(1),
       turn_(io_, turn_settings(config), shared.log,
             [this] {
@@ -74,6 +81,7 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
               arm_schedule();
             }),
       newcomers_(io_),
+      viewers_(io_),
       schedule_(io_.get_executor()),
       tick_(io_.get_executor()),
       beat_(io_.get_executor()) {
@@ -166,7 +174,7 @@ void Loop::arm_beat() {
 }
 
 void Loop::tell_some() {
-  visit_some(to_tell_, context_.on_beat, &Connection::tell_news, &Loop::tell_some);
+  visit_some(to_tell_, context_.on_beat, &Connection::beat, &Loop::tell_some);
 }
 
 struct Loops::Other {

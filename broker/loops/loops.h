@@ -15,7 +15,7 @@
 #include "broker/relay/mirror.h"
 #include "broker/relay/moments.h"
 #include "broker/relay/rooms.h"
-#include "broker/sockets/newcomer_time.h"
+#include "broker/sockets/loop_share.h"
 #include "broker/sockets/turn.h"
 
 namespace eigencast::broker {
@@ -65,7 +65,7 @@ class Loop {
   Context context_;  // Pending handlers end with the loop below and need the members above.
   asio::io_context io_;
   Turn turn_;
-  NewcomerTime newcomers_;
+  LoopShare newcomers_, viewers_;
   Timer schedule_;
   std::optional<TimeUs> scheduled_us_;
   TimeUs pumped_us_ = 0;

@@ -10,9 +10,13 @@
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <deque>
+#include <functional>
 #include <future>
+#include <memory>
+#include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "broker/connections/rewind.h"
 #include "broker/loops/loops.h"
@@ -27,18 +31,25 @@
 namespace eigencast::broker {
 namespace {
 
-/// Counts messages.
+/// Counts messages, and beats, which take `beat_us`.
 class Counting final : public Connection {
  public:
   Counting(Context& context, Transport transport, GrantPtr grant)
       : Connection(context, std::move(transport), std::move(grant), {2048, 2048}) {}
   using Connection::send;
 
-  int messages = 0, messages_when_closed = -1;
+  int messages = 0, messages_when_closed = -1, beats = 0;
+  bool views = false;
+  double beat_us = 0;
 
  private:
   void on_open() override {}
   void on_message(const ControlMessage&) override { ++messages; }
+  void on_beat() override {
+    ++beats;
+    charge(beat_us);
+  }
+  bool takes_turns() const override { return views; }
   void on_binary(ByteView) override {}
   void on_closed() override { messages_when_closed = messages; }
   std::string label() const override { return "test"; }
@@ -54,26 +65,52 @@ std::string masked_text(std::string_view text) {
 /// One event loop, which the test runs, and the other end of a connection.
 class ConnectionTest : public ::testing::Test {
  protected:
+  ~ConnectionTest() override {
+    for (const int peer : peers_) ::close(peer);
+  }
   Context& begin() {
-    loops_ = std::make_unique<Loops>(
-        config_,
-        SharedContext{disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "test", "session"},
-        std::vector<StreamTap*>{});
-    loops_->first().begin();
+    if (!loops_) {
+      loops_ = std::make_unique<Loops>(
+          config_,
+          SharedContext{disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "test", "session"},
+          std::vector<StreamTap*>{});
+      loops_->first().begin();
+    }
     return loops_->first().context();
   }
-  std::shared_ptr<Counting> connect() {
+  std::shared_ptr<Counting> connect(const std::string& address = "127.0.0.1") {
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends_.data()), 0);
+    peers_.push_back(ends_[0]);
     Context& context = begin();
     Socket socket(context.loop.get_executor());
     socket.assign(Tcp::v4(), ends_[1]);
-    auto grant = gate_.accept(IpAddress::from_text("127.0.0.1").value(), 0, steady_now_us());
+    auto grant = gate_.accept(IpAddress::from_text(address).value(), 0, steady_now_us());
     auto connection =
         std::make_shared<Counting>(context, Transport(std::move(socket)), std::get<GrantPtr>(std::move(grant)));
     connection->start({});
     return connection;
   }
   void run() { loops_->first().io().poll(); }
+  std::shared_ptr<Counting> connect_viewer(int address) {
+    auto viewer = connect("198.51.100." + std::to_string(address));
+    viewer->views = true;
+    return viewer;
+  }
+  /// Runs the loop until `done_us` is `all_us`; by how much twice what was done between two turns of a stream was more
+  /// than the time between them, at most.
+  double most_over_half(double all_us, const std::function<double()>& done_us) {
+    double most_us = 0, before_us = done_us();
+    TimeUs since_us = steady_now_us();
+    std::function<void()> stream = [&] {
+      const double work_us = done_us() - std::exchange(before_us, done_us());
+      const TimeUs now_us = steady_now_us();
+      most_us = std::max(most_us, 2 * work_us - static_cast<double>(now_us - std::exchange(since_us, now_us)));
+      if (before_us < all_us) asio::post(loops_->first().io(), stream);
+    };
+    asio::post(loops_->first().io(), stream);
+    while (before_us < all_us) loops_->first().io().run_one();
+    return most_us;
+  }
 
   ::eigencast::testing::TemporaryFolder folder_;
   Config config_;
@@ -93,7 +130,8 @@ class ConnectionTest : public ::testing::Test {
   SoleOwnership ownership_{[]() -> Result<std::uint32_t> { return 1; }};
   asio::thread_pool disk_{1};
   std::unique_ptr<Loops> loops_;
-  std::array<int, 2> ends_{-1, -1};
+  std::array<int, 2> ends_{-1, -1};  ///< Of the last connection.
+  std::vector<int> peers_;
 };
 
 // What was received before a pause waits here, past any error of the socket.
@@ -106,7 +144,7 @@ TEST_F(ConnectionTest, ReadsNothingOnceClosed) {
   ASSERT_EQ(::send(ends_[0], flood.data(), flood.size(), MSG_NOSIGNAL), std::ssize(flood));
   while (connection->messages == 0) run();
   ASSERT_LT(connection->messages, kMessages) << "it pauses";
-  ::close(ends_[0]);
+  ::shutdown(ends_[0], SHUT_RDWR);
   // A write fails in the turn in which the pause ends.
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
   connection->send(control::Ping{1, 1});
@@ -146,10 +184,61 @@ TEST_F(ConnectionTest, SeeksThatNobodyWaitsForAreNotReadAndWhatWasIsPaid) {
   EXPECT_EQ(viewer.paid, 1) << "though it had stopped";
 }
 
+// Each address has a budget of its own: what all ask for at one moment delays a stream all the same.
+TEST_F(ConnectionTest, WhatCrowdsAskForLeavesStreamsTheirTurnsAndOthersTheirs) {
+  constexpr int kViewers = 160, kEach = 50, kAddresses = 16;
+  constexpr double kMessageUs = 4, kTurnUs = 100, kAtOnceUs = 2'500;
+  std::string flood;
+  for (int i = 0; i < kEach; ++i) flood += masked_text(R"({"op":"unsubscribe","stream":"a"})");
+  std::vector<std::shared_ptr<Counting>> viewers;
+  for (int i = 0; i < kViewers; ++i) {
+    viewers.push_back(connect_viewer(i % kAddresses));
+    ASSERT_EQ(::send(ends_[0], flood.data(), flood.size(), MSG_NOSIGNAL), std::ssize(flood));
+  }
+  const auto other = connect_viewer(kAddresses);
+  const auto done_us = [&] {
+    double sum_us = 0;
+    for (const auto& viewer : viewers) sum_us += kMessageUs * viewer->messages;
+    return sum_us;
+  };
+  constexpr double kAllUs = kViewers * kEach * kMessageUs, kMostUs = 2 * (kAtOnceUs + kTurnUs + kMessageUs);
+  EXPECT_LE(most_over_half(kAllUs / 4, done_us), kMostUs);
+  const std::string one = masked_text(R"({"op":"trace_request","stream":"a","every":1})");
+  ASSERT_EQ(::send(ends_[0], one.data(), one.size(), MSG_NOSIGNAL), std::ssize(one));
+  const double asked_at_us = done_us();
+  double heard_at_us = 0;
+  EXPECT_LE(most_over_half(kAllUs,
+                           [&] {
+                             if (other->messages > 0 && heard_at_us == 0) heard_at_us = done_us();
+                             return done_us();
+                           }),
+            kMostUs);
+  EXPECT_LE(heard_at_us - asked_at_us, (kAddresses + 4) * (kTurnUs + kMessageUs)) << "it waits for a turn of each";
+}
+
+TEST_F(ConnectionTest, WhatCrowdsAreToldLeavesStreamsTheirTurns) {
+  constexpr int kViewers = 160;
+  constexpr double kBeatUs = 500, kAtOnceUs = 2'500;
+  std::vector<std::shared_ptr<Counting>> viewers;
+  for (int i = 0; i < kViewers; ++i) {
+    viewers.push_back(connect_viewer(i % 16));
+    viewers.back()->beat_us = kBeatUs;
+  }
+  Context& context = loops_->first().context();
+  for (const auto& viewer : viewers) context.on_beat.insert(viewer.get());
+  context.arm_beat();
+  const double most_us = most_over_half(kViewers * kBeatUs, [&] {
+    double sum_us = 0;
+    for (const auto& viewer : viewers) sum_us += kBeatUs * viewer->beats;
+    return sum_us;
+  });
+  EXPECT_LE(most_us, 2 * (kAtOnceUs + kBeatUs));
+}
+
 TEST(FairReadsTest, OneAtATimeAndHoldersInTurns) {
   std::deque<FairReads::Work> loading, loop;
   FairReads reads([&](FairReads::Work work) { loading.push_back(std::move(work)); },
-                    [&](FairReads::Work work) { loop.push_back(std::move(work)); });
+                  [&](FairReads::Work work) { loop.push_back(std::move(work)); });
   std::string begun, done;
   const auto read = [&](char name, bool is_wanted = true) {
     return reads.push(std::string(1, name),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "broker/sockets/newcomer_time.h"
+#include "broker/sockets/loop_share.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,28 +9,18 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr double kPart = 0.5;        ///< Of the loop's time.
-constexpr double kAtOnceUs = 5'000;  ///< Taken ahead of it after a rest.
 constexpr TimeUs kSupplyEveryUs = 50'000;
 constexpr int kSuppliedAtOnce = 256;
 
 }  // namespace
 
-bool NewcomerTime::is_free(TimeUs now_us) const {
-  return paid_until_us_ <= static_cast<double>(now_us) + kAtOnceUs;
-}
-
-void NewcomerTime::pay(double us, TimeUs now_us) {
-  paid_until_us_ = std::max(paid_until_us_, static_cast<double>(now_us)) + us / kPart;
-}
-
-bool NewcomerTime::take(const std::string& holder, double us, TimeUs wait_us, std::function<void()> then, Hold hold) {
+bool LoopShare::take(const std::string& holder, double us, TimeUs wait_us, std::function<void()> then, Hold hold) {
   const TimeUs now_us = steady_now_us();
   Work work{holder, us, std::move(then), std::move(hold)};
   if (wait_us > 0) {
     later_.emplace(now_us + wait_us, std::move(work));
   } else if (is_supplied(work, now_us)) {
-    if (waiting_.empty() && is_free(now_us)) return pay(us, now_us), true;
+    if (is_free(now_us)) return pay(us, now_us), true;
     wait(std::move(work));
   }
   arm();
@@ -38,7 +28,7 @@ bool NewcomerTime::take(const std::string& holder, double us, TimeUs wait_us, st
 }
 
 /// False: it waits for what it needs, behind others of its holder, or is gone.
-bool NewcomerTime::is_supplied(Work& work, TimeUs now_us) {
+bool LoopShare::is_supplied(Work& work, TimeUs now_us) {
   if (!work.hold) return true;
   const Supply supply = short_.contains(work.holder) ? Supply::kShort : work.hold();
   if (supply != Supply::kShort) return supply == Supply::kHeld;
@@ -48,7 +38,7 @@ bool NewcomerTime::is_supplied(Work& work, TimeUs now_us) {
   return false;
 }
 
-void NewcomerTime::supply() {
+void LoopShare::supply() {
   std::size_t in_vain = 0;
   for (int i = 0; i < kSuppliedAtOnce && in_vain < short_.size(); ++i) {
     auto next = short_.upper_bound(supplied_);
@@ -64,12 +54,12 @@ void NewcomerTime::supply() {
   }
 }
 
-void NewcomerTime::wait(Work work) {
+void LoopShare::wait(Work work) {
   const std::string holder = work.holder;
   waiting_.push(holder, static_cast<std::int64_t>(std::ceil(work.us)), std::move(work));
 }
 
-void NewcomerTime::arm() {
+void LoopShare::arm() {
   if (waiting_.empty() && later_.empty() && short_.empty()) return;
   TimeUs next_us = later_.empty() ? std::numeric_limits<TimeUs>::max() : later_.begin()->first;
   if (!waiting_.empty()) next_us = std::min(next_us, static_cast<TimeUs>(std::ceil(paid_until_us_ - kAtOnceUs)));
@@ -82,7 +72,7 @@ void NewcomerTime::arm() {
   });
 }
 
-void NewcomerTime::serve() {
+void LoopShare::serve() {
   armed_us_ = 0;
   const TimeUs now_us = steady_now_us();
   while (!later_.empty() && later_.begin()->first <= now_us) {
@@ -94,7 +84,7 @@ void NewcomerTime::serve() {
     supply();
   }
   std::function<void()> then;
-  if (!waiting_.empty() && is_free(now_us)) {
+  if (!waiting_.empty() && has_time(now_us)) {
     Work work = waiting_.pop().item;
     pay(work.us, now_us);
     then = std::move(work.then);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "broker/sockets/newcomer_time.h"
+#include "broker/sockets/loop_share.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 namespace eigencast::broker {
 namespace {
 
-TEST(NewcomerTime, ACrowdTakesHalfOfTheLoopsTimeAndLeavesOthersTheirTurns) {
+TEST(LoopShare, ACrowdTakesHalfOfTheLoopsTimeAndLeavesOthersTheirTurns) {
   asio::io_context loop;
-  NewcomerTime time(loop);
+  LoopShare time(loop);
   const TimeUs began_us = steady_now_us();
   int done = 0, before = -1;
   for (int i = 0; i < 8 * 100; ++i) {
@@ -26,10 +26,10 @@ TEST(NewcomerTime, ACrowdTakesHalfOfTheLoopsTimeAndLeavesOthersTheirTurns) {
 }
 
 /// Memory that is given back at once starts nothing at once: those who waited for it take turns, and few ask.
-TEST(NewcomerTime, WhoIsShortOfMemoryWaitsForItBeforeItsTurn) {
-  using Supply = NewcomerTime::Supply;
+TEST(LoopShare, WhoIsShortOfMemoryWaitsForItBeforeItsTurn) {
+  using Supply = LoopShare::Supply;
   asio::io_context loop;
-  NewcomerTime time(loop);
+  LoopShare time(loop);
   constexpr int kEach = 300, kHolders = 4, kUs = 500;
   int room = 0, asked = 0, done = 0, gone = 0;
   const auto hold = [&] {
