@@ -43,9 +43,7 @@ class Headless {
       if (flight_is_over() || (gone = senders_are_gone())) break;
       const bool changed = session().update(std::chrono::milliseconds(flying() ? 0 : 20), viewer_->camera());
       const bool is_led = changed && session().room() != nullptr;  // Who leads moves the camera between poses too.
-      const auto& all = session().sources();
-      const auto whole = [](const PoseSource* source) { return has_whole_surface(*source); };
-      if (taken_ == 0 && waits_for_all() && !std::all_of(all.begin(), all.end(), whole)) continue;
+      if (taken_ == 0 && waits_for_all() && !is_whole()) continue;
       std::string trouble = session().rewind().take_trouble();
       if (session().rewind().is_settled()) settled_us_ = steady_now_us();
       if (!session().rewind().is_settled()) {
@@ -76,6 +74,15 @@ class Headless {
   Session& session() const { return viewer_->session(); }
   /// A number of pictures is meant of the whole surfaces.
   bool waits_for_all() const { return !options_.first && options_.frames > 0; }
+  /// All has come, has moved to its place and has its colours.
+  bool is_whole() const {
+    const auto& sources = session().sources();
+    const auto& surfaces = session().scene().instances();
+    return std::all_of(sources.begin(), sources.end(), [](const auto* source) { return has_whole_surface(*source); }) &&
+           !session().is_fading() && std::all_of(surfaces.begin(), surfaces.end(), [](const auto& surface) {
+             return surface.view.morph().moving().empty();
+           });
+  }
 
   /// Pictures are missing, and for as long as it waits nothing is new and nobody sends.
   bool senders_are_gone() const {

@@ -280,6 +280,15 @@ float Session::colourfulness(const Scene::Instance& instance, TimeUs now_us) con
   return std::clamp(1 - static_cast<float>(now_us - *since) / 500'000.0F, 0.0F, 1.0F);
 }
 
+bool Session::is_fading() const {
+  const TimeUs now = steady_now_us();
+  const auto& all = scene_.instances();
+  return std::any_of(all.begin(), all.end(), [&](const Scene::Instance& instance) {
+    return connections_.lost_since_us(instance.placement.source) && instance.view.newest_arrival_us() &&
+           colourfulness(instance, now) > 0;
+  });
+}
+
 float Session::colourfulness() const {
   const TimeUs now = steady_now_us();
   float sum = 0;

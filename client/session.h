@@ -90,6 +90,7 @@ class Session final {
   Status status() const;
   /// The mean of all surfaces; falls from 1 to 0 within half a second of a lost connection.
   float colourfulness() const;
+  bool is_fading() const;  ///< Any surface, to grey.
   void count_written() { ++written_; }
   const History& history() const { return history_; }
 

@@ -159,6 +159,33 @@ TEST_F(Apps, FramesWaitForTheWholeSurface) {
   }
 }
 
+TEST_F(Apps, FramesOfAStalledStreamShowAllOfIt) {
+  options_.headless = true;
+  options_.frames = 1;
+  options_.style.wireframe = true;
+  Picture pictures[2];
+  for (const bool in_parts : {false, true}) {
+    options_.screenshot = path("detail.png");
+    FakeSource source(sphere_asset(3));
+    source.stats_.state = Subscriber::State::kStalled;
+    source.batches.push_back({sphere_pose(source.asset_, 1, 1000, 0.5)});
+    if (in_parts) source.asset_.rows_ready = 42;
+    int polls = 0;
+    source.on_poll = [&] {
+      if (++polls == 5) source.asset_.rows_ready = source.asset_.vertex_count;
+    };
+    const std::vector<PoseSource*> alone{&source};
+    ASSERT_EQ(run_headless(options_, alone, stop_, log()), kExitGood) << said_;
+    const auto picture = testing::read_png(options_.screenshot);
+    ASSERT_TRUE(picture) << picture.error().message;
+    pictures[in_parts] = *picture;
+  }
+  EXPECT_EQ(testing::mean_difference(pictures[0], pictures[1]), 0);
+  const auto& pixels = pictures[0].rgb;
+  for (std::size_t i = 0; i < pixels.size(); i += 3)
+    ASSERT_FALSE(testing::is_clay(&pixels[i])) << "grey, as of a lost stream";
+}
+
 TEST_F(Apps, HeadlessWithoutStreamExitsWithFour) {
   source_.has_asset = false;
   source_.batches.clear();
