@@ -43,9 +43,9 @@ export class Programs {
   sender(broker, name, ...what) {
     return this.start('eigencast-sender', 'play', ...what, '--to', `ws://127.0.0.1:${broker.port}/${name}`, '--no-progress');
   }
-  /** A bumpy ring that stands still in a pose of its own, live: 960 vertices, with an image (a PNG), colours, or both. */
-  ring(broker, name, image, isPainted = !image) {
-    const AROUND = 48, ACROSS = 20, rest = [], posed = [], faces = [], uvs = [];
+  /** A bumpy ring that stands still in a pose of its own, live: 960 vertices times `finer` squared, with an image (a PNG), colours, or both. */
+  ring(broker, name, image, isPainted = !image, finer = 1) {
+    const AROUND = 48 * finer, ACROSS = 20 * finer, rest = [], posed = [], faces = [], uvs = [];
     for (let i = 0; i < AROUND; ++i) {
       for (let k = 0; k < ACROSS; ++k) {
         const u = (2 * Math.PI * i) / AROUND, v = (2 * Math.PI * k) / ACROSS, r = 0.35 + 0.08 * Math.sin(3 * u);
