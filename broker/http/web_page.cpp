@@ -132,7 +132,7 @@ std::string preload_of(const HttpConnection& connection, Context& context, const
   if (identity == nullptr || !identity->rights.subscribe.matches(stream)) return {};
   const Stream* const known = context.hub.find(stream);
   if (known == nullptr || known->epoch() == 0) return {};
-  return "<link rel=\"prefetch\" href=\"" + root_from(stream) + "v1/assets/" + known->asset() +
+  return "<link rel=\"preload\" href=\"" + root_from(stream) + "v1/assets/" + known->asset() +
          "\" as=\"fetch\" crossorigin>";
 }
 

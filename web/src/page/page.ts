@@ -21,9 +21,10 @@ async function open(): Promise<void> {
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {
     if (place.stream === '') return;
-    // The broker names the surface in the page where anybody may see it.
-    const expects = document.querySelector<HTMLLinkElement>('link[rel=prefetch]')?.href.slice(-64);
-    stream = broker.watch(checkedName(place.stream), { profile, expects, sync });
+    // The broker names the surface in the page where anybody may see it; what a page has loaded its worker gets from the cache.
+    const surface = document.querySelector<HTMLLinkElement>('[href*="v1/assets/"]')?.href;
+    if (surface) void fetch(surface).catch(() => {});
+    stream = broker.watch(checkedName(place.stream), { profile, expects: surface?.slice(-64), sync });
   };
   const connecting = connect(place.base, { token: place.token, meanwhile: watch }), staging = Stage.make(connecting.then(({ module }) => module));
   staging.catch(() => {});  // Said where it is awaited.

@@ -29,11 +29,11 @@ after(async () => {
 });
 
 /** A tab of its own; a page that says something on its console fails its test. */
-async function onPage(path, use) {
+async function onPage(path, use, { url = site.url } = {}) {
   const tab = await firefox.tab();
   try {
     await tab.size(480, 300);
-    await tab.open(site.url + path);
+    await tab.open(url + path);
     await use(tab);
     assert.deepEqual(tab.console, []);
   } finally {
@@ -56,6 +56,10 @@ test('TheListLeadsToAStream', async () => {
     await tab.key('ArrowRight');
     await tab.until(`${PRINT} !== ${print}`);
   });
+});
+
+test('ThePolicyOfABrokerAllowsAllOfItsPage', async () => {
+  await onPage('/still', (tab) => tab.until(`${hasState('live')} && ${CLAY} > 100`, 150_000), { url: `http://127.0.0.1:${broker.port}` });
 });
 
 test('AStreamMovesFromItsBeginningUntilItsSenderHasGone', async () => {
