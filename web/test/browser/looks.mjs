@@ -17,3 +17,9 @@ const pixels = (use) => `(() => {
 export const PRINT = pixels('for (const byte of data) n = (31 * n + byte) | 0;');
 /** Pixels of clay, lit. */
 export const CLAY = pixels('for (let i = 0; i < data.length; i += 4) n += data[i] > data[i + 2] + 60;');
+/** What the canvas shows, at the size that it has on the page, as the data URL of a PNG. */
+export const CANVAS = pixels(`
+  const shown = document.createElement('canvas').getContext('2d');
+  [shown.canvas.width, shown.canvas.height] = [from.clientWidth, from.clientHeight];
+  shown.drawImage(from, 0, 0, from.clientWidth, from.clientHeight);
+  n = shown.canvas.toDataURL();`);

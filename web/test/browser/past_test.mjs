@@ -2,12 +2,13 @@
 //
 // What a broker keeps of a stream, in Chromium: a real broker and real senders (EIGENCAST_BIN).
 import assert from 'node:assert/strict';
-import { writeFileSync } from 'node:fs';
+import { existsSync, readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
-import { Programs } from '../system/programs.mjs';
+import { BIN, Programs } from '../system/programs.mjs';
 import { CHROMIUM, startChromium } from './chromium.mjs';
-import { CLAY, hasState } from './looks.mjs';
+import { CANVAS, CLAY, hasState } from './looks.mjs';
+import { makePng, readPng } from './pictures.mjs';
 
 if (!CHROMIUM) {
   console.log('no Chromium: deploy/install-packages.sh full');
@@ -134,6 +135,83 @@ test('WhoFollowsGoesWhereTheLeaderIs', async () => {
       await bob.until(`${SAYS} !== '' && document.querySelector('.timeline button').getAttribute('aria-label') === 'Play'`, LIMIT_MS);
       await ada.key('End');
       await bob.until(`${SAYS} === ''`, LIMIT_MS);
+    });
+  });
+  await broker.stop();
+});
+
+/** By who is headless: the coefficients that it showed last, and its number of pictures. */
+const lastShown = (file) => {
+  const lines = existsSync(file) ? readFileSync(file, 'utf8').split('\n').slice(0, -1) : [];
+  return { pictures: lines.length, pose: lines.length > 0 ? String(JSON.parse(lines.at(-1)).coefficients) : '' };
+};
+/** Which pixels are of the surface. */
+const maskOf = ({ rgb, width, height }) => Uint8Array.from({ length: width * height }, (_, i) => Number(rgb[3 * i] > rgb[3 * i + 2] + 60));
+/** Of two masks, what both have over what either has. */
+function overlap(a, b) {
+  let both = 0, either = 0;
+  a.forEach((value, i) => ((both += value & b[i]), (either += value | b[i])));
+  return both / either;
+}
+
+test('TwoPagesAndTwoNativeViewersAreAtOneMomentOfThePast', { skip: existsSync(join(BIN, 'eigencast-client')) ? false : 'no eigencast-client' }, async () => {
+  const broker = await programs.broker(0, '--history-streams=**'), where = `http://127.0.0.1:${broker.port}/lab/heart`;
+  programs.sender(broker, 'lab/heart', 'heart', '--rank', '24');
+  const url = (name) => `${where}?room=lab/heart&name=${name}`, here = (name) => `document.querySelector('.room')?.textContent.includes('${name}')`;
+  const natives = [];
+  const native = (name) => {
+    const [shown, report, picture] = ['shown', 'report', 'png'].map((kind) => join(programs.folder, `${name}.${kind}`));
+    const client = programs.start('eigencast-client', where, '--headless', '--size=640x400', '--rate=raw', '--colour=clay', '--room=lab/heart', `--name=${name}`,
+      `--record-shown=${shown}`, `--json=${report}`, `--screenshot=${picture}`, '--wait=150');
+    natives.push({ client, shown, report, picture });
+  };
+  await onPage(url('Ada'), async (ada) => {
+    await ada.until(`${isLive} && Number(${BAR}?.max) > 6 && ${here('Ada')}`, LIMIT_MS);
+    native('Cleo');
+    await ada.until(here('Cleo'), LIMIT_MS);
+    await ada.key('o');
+    await ada.mouse('mousePressed', 200, 150, { button: 'left', buttons: 1, clickCount: 1 });
+    await ada.mouse('mouseMoved', 260, 170, { button: 'left', buttons: 1 });
+    await ada.mouse('mouseReleased', 260, 170, { button: 'left', clickCount: 1 });
+    await ada.evaluate("document.querySelector('.timeline button').click()");
+    await seek(ada, Date.now() - 4000);
+    await ada.until(`${SAYS} !== ''`, LIMIT_MS);
+    native('Dan');  // He and Bob come while all stand still.
+    await onPage(url('Bob'), async (bob) => {
+      await bob.until(`${SAYS} !== '' && document.querySelector('.timeline button').getAttribute('aria-label') === 'Play'`, LIMIT_MS);
+      await ada.until(here('Dan'), LIMIT_MS);
+      const TIME = "Date.parse(document.querySelector('.state.behind').title)", SETTLED = "document.querySelector('.timeline').getAttribute('aria-busy') === 'false'";
+      await Promise.all([ada, bob].map((tab) => tab.until(SETTLED, LIMIT_MS)));
+      const atMs = await ada.evaluate(TIME);
+      await bob.until(`${TIME} === ${atMs}`, LIMIT_MS);
+      const end = Date.now() + LIMIT_MS;
+      let last;
+      do {
+        await wait(700);
+        last = natives.map(({ shown }) => lastShown(shown));
+        assert.ok(Date.now() < end, `the native viewers show ${JSON.stringify(last.map(({ pose }) => pose.slice(0, 80)))}`);
+      } while (last.some(({ pose }) => pose === '' || pose !== last[0].pose) || natives.some(({ shown }, i) => lastShown(shown).pictures !== last[i].pictures));
+      const pages = [];
+      for (const tab of [ada, bob]) {
+        await tab.send('Page.bringToFront');  // Those behind are not drawn.
+        await settledArea(tab);
+        pages.push(readPng(Buffer.from((await tab.evaluate(CANVAS)).split(',')[1], 'base64')));
+      }
+      for (const { client } of natives) await client.stop();
+      for (const { report } of natives) {
+        const { at_us } = JSON.parse(readFileSync(report, 'utf8')).shown;
+        assert.ok(Math.abs(at_us / 1000 - atMs) < 1.5, `${at_us} us, not ${atMs} ms`);
+      }
+      const pictures = [...pages, ...natives.map(({ picture }) => readPng(readFileSync(picture)))], masks = pictures.map(maskOf);
+      if (PICTURES) {
+        pages.forEach((page, i) => writeFileSync(join(PICTURES, `together_page${i}.png`), makePng(page.width, page.height, (x, y) => [...page.rgb.subarray(3 * (y * page.width + x), 3 * (y * page.width + x) + 3)])));
+        natives.forEach(({ picture }, i) => writeFileSync(join(PICTURES, `together_native${i}.png`), readFileSync(picture)));
+        const tones = [0, 1, 2, 3].map((i) => (x, y) => masks[i][y * 640 + x]);
+        writeFileSync(join(PICTURES, 'together.png'), makePng(640, 400, (x, y) => { const sum = tones.reduce((all, tone) => all + tone(x, y), 0); return sum === 0 ? [255, 255, 255] : sum === 4 ? [90, 140, 90] : [255, 0, 0]; }));
+      }
+      const overlaps = masks.slice(1).map((mask) => overlap(masks[0], mask));
+      console.log(`overlaps with Ada's: ${overlaps.map((one) => one.toFixed(4)).join(', ')}`);
+      assert.ok(Math.min(...overlaps) > 0.97, String(overlaps));
     });
   });
   await broker.stop();
