@@ -228,6 +228,7 @@ void Broker::run() {
 void Broker::tick() {
   run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
   epochs_.reserve_ahead(unix_now_s());
+  check_disk();
   loops_.tick();
   if (!std::exchange(noting_, true)) {
     asio::post(background_, [this] {
@@ -249,10 +250,18 @@ void Broker::reserve_epochs(std::uint32_t end) {
 
 void Broker::note_disk(const Result<void>& written) {
   epochs_.reserved(written.has_value());
-  if (std::exchange(context().disk_fails, !written) == !written) return;
-  log(context().log, written ? LogLevel::kInfo : LogLevel::kError,
-      written ? "the data folder takes files again"
-              : written.error().message + "; senders go on, uploads and recordings fail");
+  reserved_ = written;
+  check_disk();
+}
+
+void Broker::check_disk() {
+  const bool keeps = !history_.kept || history_.kept->totals().failing == 0;
+  const bool fails = !reserved_ || !keeps;
+  if (std::exchange(context().disk_fails, fails) == fails) return;
+  log(context().log, fails ? LogLevel::kError : LogLevel::kInfo,
+      fails ? (keeps ? reserved_.error().message : "the history takes no frames") +
+                  "; senders go on, uploads and recordings fail"
+            : "the data folder takes files again");
 }
 
 std::string Broker::status() const {

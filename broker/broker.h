@@ -68,6 +68,7 @@ class Broker {
   void warn_about_security();
   void reserve_epochs(std::uint32_t end);
   void note_disk(const Result<void>& written);
+  void check_disk();
   void drain();
   void wait_for_signal();
   void wait_for_peers(std::chrono::steady_clock::time_point until);
@@ -89,6 +90,7 @@ class Broker {
   Timer deadline_;
   Timer watchdog_;
   int ticks_ = 0;
+  Result<void> reserved_;  ///< Epochs, on the disk.
   bool noting_ = false;  ///< background_ notes uses of assets.
   Listener data_listener_;
   Listener admin_listener_;

@@ -478,19 +478,17 @@ std::optional<TimeUs> Stream::next_due_us() const {
 
 void Stream::relay_trace(const control::Trace& trace) {
   for (StreamTap* tap : settings_.taps) tap->on_trace(*this, trace);
+  const auto wanting = tracer_.who_wants(trace.sequence);
+  const std::size_t elsewhere = mirror_trace_ != 0 ? watchers() - watchers_here() : 0;
+  unpaid_us_ += kTraceUs * static_cast<double>(elsewhere + wanting.size());
+  if (wanting.empty()) return;
   control::Trace relayed = trace;
   relayed.stream_id = id();
   relayed.epoch = present_.epoch;
   const std::string json = text_from_control(relayed);
   if (json.size() > limits::kMaxControlBytes) return;  // Numbers of this broker made it longer than viewers take.
   const auto text = websocket::framed(websocket::Opcode::kText, json);
-  std::uint32_t told = mirror_trace_ != 0 ? watchers() - watchers_here() : 0;
-  for (Watcher* watcher : order_) {
-    if (!tracer_.is_wanted_by(watcher, trace.sequence)) continue;
-    watcher->on_trace(text);
-    ++told;
-  }
-  unpaid_us_ += kTraceUs * told;
+  for (void* watcher : wanting) static_cast<Watcher*>(watcher)->on_trace(text);
 }
 
 bool Stream::trace(Watcher& watcher, std::uint32_t every) {
@@ -514,12 +512,12 @@ void Stream::set_mirror_trace(std::uint32_t every) {
 
 void Stream::send_traces(Group& group) {
   for (const FramePtr& frame : group.traced) {
-    const auto trace = tracer_.trace_of(*frame);
+    auto wanting = tracer_.who_wants(frame->envelope.sequence);
+    std::erase_if(wanting, [&](void* who) { return watched_.at(static_cast<Watcher*>(who)).group != &group; });
+    const auto trace = wanting.empty() ? std::nullopt : tracer_.trace_of(*frame);
     if (!trace) continue;
     const auto text = websocket::framed(websocket::Opcode::kText, text_from_control(*trace));
-    for (Watcher* watcher : group.watchers) {
-      if (tracer_.is_wanted_by(watcher, trace->sequence)) watcher->on_trace(text);
-    }
+    for (void* watcher : wanting) static_cast<Watcher*>(watcher)->on_trace(text);
   }
   group.traced.clear();
 }

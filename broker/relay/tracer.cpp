@@ -9,7 +9,7 @@ constexpr std::size_t kMaxArrivals = 16;
 
 }  // namespace
 
-void Tracer::want(const void* who, std::uint32_t every) {
+void Tracer::want(void* who, std::uint32_t every) {
   const auto known = wanted_.find(who);
   if (known != wanted_.end()) {
     intervals_.erase(intervals_.find(known->second));
@@ -20,9 +20,12 @@ void Tracer::want(const void* who, std::uint32_t every) {
   intervals_.insert(every);
 }
 
-bool Tracer::is_wanted_by(const void* who, std::uint64_t sequence) const {
-  const auto found = wanted_.find(who);
-  return found != wanted_.end() && sequence % found->second == 0;
+std::vector<void*> Tracer::who_wants(std::uint64_t sequence) const {
+  std::vector<void*> all;
+  for (const auto& [who, every] : wanted_) {
+    if (sequence % every == 0) all.push_back(who);
+  }
+  return all;
 }
 
 void Tracer::note_key(std::uint64_t sequence, TimeUs arrival_us) {

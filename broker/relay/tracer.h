@@ -7,6 +7,7 @@
 #include <optional>
 #include <set>
 #include <unordered_map>
+#include <vector>
 
 #include "broker/relay/frame.h"
 #include "common/wire/control.h"
@@ -22,8 +23,8 @@ inline std::uint32_t shorter_interval(std::uint32_t a, std::uint32_t b) {
 class Tracer {
  public:
   /// Requests traces for `who` of keys whose sequence is a multiple of `every`; 0: none.
-  void want(const void* who, std::uint32_t every);
-  bool is_wanted_by(const void* who, std::uint64_t sequence) const;
+  void want(void* who, std::uint32_t every);
+  std::vector<void*> who_wants(std::uint64_t sequence) const;
   std::uint32_t every() const { return intervals_.empty() ? 0 : *intervals_.begin(); }
   bool is_traced(std::uint64_t sequence) const { return every() != 0 && sequence % every() == 0; }
 
@@ -36,7 +37,7 @@ class Tracer {
     std::uint64_t sequence;
     TimeUs arrival_us;
   };
-  std::unordered_map<const void*, std::uint32_t> wanted_;
+  std::unordered_map<void*, std::uint32_t> wanted_;
   std::multiset<std::uint32_t> intervals_;  ///< Those of wanted_.
   std::deque<Arrival> arrivals_;            ///< The newest keys; bounded.
 };

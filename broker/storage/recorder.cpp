@@ -140,7 +140,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
     found = sessions_.find(stream.name());
   }
   Session& session = *found->second;
-  if (session.failed) return;
+  if (session.failed || steady_now_us() < session.resume_us) return;
   if (!session.announced) {
     session.begun_us = record->arrival_us;
     announce(found->second, stream, record->arrival_us);
@@ -194,6 +194,8 @@ void Recorder::push(Item item) {
 
 void Recorder::end(const SessionPtr& session) {
   push({.kind = Item::Kind::kEnd, .session = session});
+  if (session->resume_us != 0) --totals_.failing;
+  session->resume_us = 0;
   sessions_.erase(session->stream);
   active_ = totals_.active = sessions_.size();
 }

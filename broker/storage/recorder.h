@@ -52,6 +52,7 @@ class Recorder final : public StreamTap {
     std::uint64_t checkpoint_keys = 2'000;                    ///< and so many keys.
     /// Not 0: only so much is kept, and no more than max_total_bytes; nothing is ended for that, nor synced.
     TimeUs keep_us = 0;
+    TimeUs retry_us = 10'000'000;  ///< What is kept goes on so long after the disk has failed.
   };
   /// A file of those kept, in microseconds since 1970.
   struct Piece {
@@ -62,6 +63,7 @@ class Recorder final : public StreamTap {
   struct Totals {
     std::uint64_t active = 0;
     std::uint64_t failed = 0;
+    std::uint64_t failing = 0;  ///< Streams of which nothing is kept until the disk takes files again.
     std::uint64_t frames = 0;
     std::uint64_t dropped = 0;
     std::uint64_t bytes = 0;  ///< Written in this run.

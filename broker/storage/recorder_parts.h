@@ -48,6 +48,7 @@ struct Recorder::Session {
   KeptPtr kept;
   std::uint64_t dropped = 0;  ///< Since the last enqueued key.
   bool failed = false;
+  TimeUs resume_us = 0;  ///< Not 0: the disk failed, and until then nothing is tried.
   RecordingInfo info;
 
   // Belong to the thread.

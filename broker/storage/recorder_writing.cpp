@@ -184,6 +184,7 @@ void Recorder::note(Session& session) {
   totals_.bytes += bytes - std::exchange(session.written, bytes);
   totals_.stored_bytes += grown;
   holders_[session.holder] += grown;
+  if (session.writer->frames() > 0 && std::exchange(session.resume_us, 0) != 0) --totals_.failing;
   totals_.frames += session.writer->frames() - session.info.frames;
   session.info.bytes = session.writer->bytes();
   session.info.frames = session.writer->frames();
@@ -194,7 +195,9 @@ void Recorder::note(Session& session) {
 }
 
 void Recorder::fail_session(Session& session, const Error& error) {
-  log(log_, LogLevel::kError, "recording of '" + session.stream + "' stopped, the stream goes on: " + error.message);
+  log(log_, LogLevel::kError,
+      "recording of '" + session.stream + "' stopped, the stream goes on: " + error.message +
+          (settings_.keep_us > 0 ? "; it is tried again" : ""));
   session.writer.reset();
   end_piece(session);
   {
@@ -203,7 +206,14 @@ void Recorder::fail_session(Session& session, const Error& error) {
     session.info.error = error.message;
     ++totals_.failed;
     const auto found = sessions_.find(session.stream);
-    if (found != sessions_.end() && found->second.get() == &session) sessions_.erase(found);
+    if (found != sessions_.end() && found->second.get() == &session) {
+      sessions_.erase(found);
+      if (session.resume_us != 0) --totals_.failing;
+      if (settings_.keep_us > 0) {
+        add(session.stream, true)->resume_us = steady_now_us() + settings_.retry_us;
+        ++totals_.failing;
+      }
+    }
     active_ = totals_.active = sessions_.size();
   }
   retire(session, RecordingInfo::State::kFailed);

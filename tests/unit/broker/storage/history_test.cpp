@@ -389,6 +389,26 @@ TEST_F(HistoryTest, KeysOfAMemoryAreSeenWithoutIt) {
   EXPECT_EQ(poses->poses.used(), 0);
 }
 
+TEST_F(HistoryTest, GoesOnOnceTheDiskTakesFilesAgain) {
+  settings_.retry_us = 1;
+  start(kSecond);
+  std::filesystem::remove_all(settings_.folder);
+  std::ofstream(settings_.folder) << "no folder";
+  announce();
+  ASSERT_TRUE(eventually([&] {
+    send(1, 1000);
+    return history_->kept->totals().failed >= 2;
+  })) << "it is tried again";
+  EXPECT_EQ(history_->kept->totals().failing, 1U);
+  EXPECT_TRUE(pieces().empty());
+  std::filesystem::remove(settings_.folder);
+  ASSERT_TRUE(eventually([&] {
+    send(1, 1000);
+    return history_->kept->totals().failing == 0;
+  }));
+  EXPECT_EQ(pieces().size(), 1U);
+}
+
 TEST_F(HistoryTest, AssetsStayWithTheirPast) {
   AssetStore::Settings small;
   small.max_objects = 5;
