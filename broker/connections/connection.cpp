@@ -21,8 +21,8 @@ using websocket::Opcode;
 // Reads per turn, and work, so that a busy sender does not starve other connections.
 constexpr int kMaxReads = 4;
 constexpr double kTurnUs = 500, kViewersTurnUs = 100;
-// What took longer was interrupted by other programs.
-constexpr TimeUs kMaxTookUs = 20'000;
+// What took longer than so many times its estimate, and so much more, was interrupted by other programs.
+constexpr double kMostTimes = 5, kMostMoreUs = 500;
 
 constexpr double kBinaryBytesPerUs = 2'000;
 // JSON at its worst, "[]" over and over; acknowledgements and all else that is common is shorter.
@@ -166,7 +166,7 @@ void Connection::run_paid(Asked& asked, void (Connection::*work)()) {
   turn_us_ = 0;
   (this->*work)();
   const TimeUs now_us = steady_now_us();
-  asked.took_us = std::max(turn_us_, static_cast<double>(std::min(now_us - from_us, kMaxTookUs)));
+  asked.took_us = std::clamp(static_cast<double>(now_us - from_us), turn_us_, kMostTimes * turn_us_ + kMostMoreUs);
   context_.viewers.pay(asked.took_us - asked.paid_us, now_us);
 }
 
