@@ -94,9 +94,12 @@ Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
       if (!state) return state.error();
       if (state->phase && !(memory_ && memory_->has(*state->phase)))
         return fail(ErrorCode::kCorrupt, "a join of a memory that is not here");
+      const bool is_same = chain_ && e.sequence == newest_ && e.capture_us == newest_capture_us_ &&
+                           state->newer == chain_->newer && !e.is_ahead();
       chain_ = std::move(*state);
       chain_->age_us = e.age_us;
       ++counts_.joins;
+      if (is_same && newest_shown_) return nullptr;
       break;
     }
     case FrameKind::kKey: {
@@ -115,14 +118,16 @@ Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
     case FrameKind::kStep:
     case FrameKind::kEstimate:
       if (!chain_ || e.sequence != newest_) return undecodable();
+      newest_shown_ = newest_shown_ || (e.kind == FrameKind::kStep && e.step.at == e.step.of);
       return shown(made_pose(frame));
   }
+  if (!last_seen_ || e.sequence > *last_seen_) ++counts_.keys;
   if (last_seen_ && e.sequence > *last_seen_ + 1) counts_.missed += e.sequence - *last_seen_ - 1;
   last_seen_ = std::max(last_seen_.value_or(e.sequence), e.sequence);
   newest_ = e.sequence;
   newest_capture_us_ = e.capture_us;
-  ++counts_.keys;
   ahead_ = e.is_ahead();
+  newest_shown_ = !ahead_;
   if (e.step.of != 0) return shown(made_pose(frame));
   return ahead_ ? nullptr : &chain_->newer;
 }

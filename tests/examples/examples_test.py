@@ -76,9 +76,8 @@ def watch(url, environment, folder):
     print(f"sent {sent[1]} poses; a viewer received {stats.keys}, missed {stats.missed}, rebuilt {len(sequences)}; moved by {moved:.3g}")
     # The newest wins on a starved machine; the run that takes figures and a picture has the machine alone.
     least = int(sent[1]) if CLIENT else int(sent[1]) // 2
-    # A join, as of a new memory or another surface, gives its key again.
-    assert int(sent[1]) > 30 and least <= stats.keys, "all of them"
-    assert sequences == sorted(sequences), "in order"
+    assert int(sent[1]) > 30 and least <= stats.keys <= int(sent[1]), "all of them"
+    assert sequences == sorted(set(sequences)), "in order"
     assert sequences[-1] - sequences[0] < int(sent[1]), "none but its own"
     assert moved > 0.01, "and they move"
     if artist:

@@ -118,7 +118,7 @@ class Session {
     reader_.restart();
   }
 
-  /// Whatever came before, a join that is well made is shown, and one of an epoch that has a band more, to which a
+  /// Whatever came before, a join of a new key that is well made is shown, and one of an epoch that has a band more, to which a
   /// stream changes over that has learnt columns; a late frame is not.
   void end() {
     if (decoder_.layout().rows == 0 || epoch_ == 0) return;
@@ -136,7 +136,7 @@ class Session {
     head.bands = layout.all_bands();
     head.stream_id = 1;
     head.epoch = epoch_;
-    head.sequence = decoder_.newest().value_or(7);
+    head.sequence = decoder_.newest().value_or(7) + 1;
     const Bytes payload = encode_join(layout, state).value();
     const auto pose = decoder_.decode({head, payload});
     require(pose && *pose && **pose == state.newer);

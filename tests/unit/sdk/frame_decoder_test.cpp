@@ -239,6 +239,39 @@ TEST_F(Decoding, JoinIsDecodableAtAnyMoment) {
   EXPECT_EQ(decode(coder_.join()), Coder::key(6));
 }
 
+/// As where a viewer changes over to another memory, or to another chain.
+TEST_F(Decoding, JoinOfTheKeyThatIsShownIsNoOtherPose) {
+  EXPECT_TRUE(decode(coder_.next_key()));
+  EXPECT_FALSE(decode(coder_.join()));
+  EXPECT_TRUE(decode(coder_.next_key()));
+  EXPECT_FALSE(decode(coder_.join()));
+  EXPECT_EQ(decode(coder_.next_key()), Coder::key(3)) << "the chain goes on from the join";
+  EXPECT_EQ(decoder_.counts().keys, 3u);
+  EXPECT_EQ(decoder_.counts().joins, 3u);
+  EXPECT_EQ(decoder_.counts().rejected, 0u);
+}
+
+TEST_F(Decoding, FinerJoinOfAStillStreamIsShown) {
+  decode(coder_.next_key());
+  CodedFrame finer = coder_.join();
+  Key key = Coder::key(1);
+  ++key.q.front();
+  finer.payload = *encode_join(coder_.layout, {key, key});
+  EXPECT_EQ(decode(finer), key);
+  EXPECT_EQ(decoder_.counts().keys, 1u);
+}
+
+TEST_F(Decoding, JoinOfAKeyThatOnlyCameAheadIsShownOnce) {
+  decode(coder_.next_key());
+  decode(coder_.next_key(Envelope::kAhead, {1, 3}));
+  EXPECT_EQ(decode(coder_.join()), Coder::key(2));
+  EXPECT_FALSE(decode(coder_.join()));
+  decode(coder_.next_key(Envelope::kAhead, {1, 3}));
+  EXPECT_EQ(decode(coder_.step(3, 3)), Coder::key(3));
+  EXPECT_FALSE(decode(coder_.join())) << "its last step was the key";
+  EXPECT_EQ(decoder_.counts().keys, 3u);
+}
+
 TEST_F(Decoding, FramesOfOtherEpochsAreRejected) {
   decode(coder_.next_key());
   Coder next(6);
