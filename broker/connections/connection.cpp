@@ -38,6 +38,7 @@ constexpr std::uint32_t kRightsRetryMs = 500;
 constexpr double kAnswerUs = 3;
 /// Of a frame written: 1 alone, 0.3 with others; a crowd of 10,000 behind one address gets 30 a second.
 constexpr double kDeliveryUs = 0.5;
+constexpr double kRecordUs = 5;  // Of TLS, with all that leaves in one turn.
 
 // Longer control messages count as several.
 constexpr double kBytesPerMessage = 256;
@@ -446,7 +447,8 @@ void Connection::tick() {
     return send_bye("the rights of this connection have changed: connect again", kRightsRetryMs, CloseCode::kPolicy);
   }
   const auto frames = static_cast<double>(frames_sent_ - std::exchange(frames_paid_, frames_sent_));
-  const double work_us = kDeliveryUs * frames + Outbox::kOfferUs * static_cast<double>(std::exchange(offered_, 0));
+  const double work_us = kDeliveryUs * frames + Outbox::kOfferUs * static_cast<double>(std::exchange(offered_, 0)) +
+                         kRecordUs * static_cast<double>(std::exchange(records_, 0));
   const TimeUs paid_us = grant_->charge_deliveries(work_us, context_.turn.now_us());
   outbox_.hold_until(paid_us > 0 ? context_.turn.now_us() + std::min(paid_us, kMaxPauseUs) : 0);
   if (watch_.is_probing()) check_window();  // The TCP acknowledgement of a ping shows the window even without a pong.

@@ -163,6 +163,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::uint64_t bytes_sent_ = 0;
   std::uint64_t frames_paid_ = 0;  ///< Of those sent.
   std::uint64_t offered_ = 0;      ///< Frames queued that are not paid yet.
+  std::uint64_t records_ = 0;      ///< Of TLS, written and not paid yet.
   Transport transport_;
   ReaderWatch watch_;
   std::vector<Outbox::Item> write_queue_;  ///< Written next, in order.

@@ -125,6 +125,7 @@ void Connection::flush() {
   do {
     const std::size_t count = pieces(all);
     if (count == 0) return;
+    if (transport_.is_tls()) ++records_;
     written(transport_.write({all.data(), count}));
   } while (transport_.is_tls() && !blocked_);
 }

@@ -84,7 +84,7 @@ Recorder::Totals Recorder::totals() const {
 }
 
 std::vector<Recorder::Piece> Recorder::pieces(std::string_view stream) const {
-  const std::lock_guard lock(mutex_);
+  const std::lock_guard lock(kept_mutex_);
   const auto found = kept_.find(stream);
   std::vector<Piece> all;
   if (found == kept_.end()) return all;

@@ -46,6 +46,7 @@ class Recorder final : public StreamTap {
     std::string software;        ///< Writing software, as named in the files.
     StreamPatterns streams;      ///< Streams recorded whenever they are live.
     bool include_asset = false;  ///< Include the asset's objects.
+    std::int64_t max_kept_streams = 4096;  ///< Of which anything is kept; one holder's: share_of() it.
     std::int64_t max_queued_bytes = 16 << 20;
     std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all in the folder; one holder's: share_of() it.
     TimeUs checkpoint_us = 1'000'000;                         ///< From one checkpoint to the next, at most,
@@ -116,6 +117,7 @@ class Recorder final : public StreamTap {
   void restore(const std::string& path);
   void keep(Session& session, const Item& announced, const std::string& path);
   void remove_oldest();
+  std::vector<std::string> streams_to_shorten(TimeUs now_us) const;
   void pin(const Kept& kept, int files);
   void recount();
   const char* used_up(const std::string& holder) const;
@@ -150,10 +152,12 @@ class Recorder final : public StreamTap {
   std::map<std::string, std::int64_t> queued_;  ///< Bytes of it, by holder.
   std::deque<RecordingInfo> ended_;
   Totals totals_;
-  std::map<std::string, std::uint64_t> holders_;                  ///< What their recordings are charged.
-  std::map<std::string, std::deque<KeptPtr>, std::less<>> kept_;  ///< By stream, ascending; none is empty.
-  decltype(kept_)::iterator next_to_go(TimeUs now_us);
+  std::map<std::string, std::uint64_t> holders_;  ///< What their recordings are charged.
   bool stopping_ = false;
+
+  /// Not on the loop for each key, as many names take long to look through; locked behind mutex_.
+  mutable std::mutex kept_mutex_;
+  std::map<std::string, std::deque<KeptPtr>, std::less<>> kept_;  ///< By stream, ascending. GUARDED_BY(kept_mutex_)
   std::thread thread_;
 };
 

@@ -2,7 +2,10 @@
 // The files that a recorder has and may have: those of earlier runs, those kept, quotas.
 #include <algorithm>
 #include <filesystem>
+#include <functional>
+#include <queue>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include "broker/storage/recorder_parts.h"
@@ -15,6 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMorePieces = 256;  ///< Of one stream: each announcement begins a file, and all are looked at.
+constexpr std::size_t kShortenedAtOnce = 256;
 
 }  // namespace
 
@@ -64,7 +68,7 @@ void Recorder::restore(const std::string& path) {
   kept->asset = announce->asset;
   kept->charged = file_cost(reader->info().whole_bytes);
   pin(*kept, 1);
-  const std::lock_guard lock(mutex_);
+  const std::lock_guard lock(kept_mutex_);
   auto& all = kept_[reader->info().start.stream];
   all.insert(std::upper_bound(all.begin(), all.end(), from_us,
                               [](TimeUs at_us, const KeptPtr& one) { return at_us < one->from_us; }),
@@ -80,9 +84,13 @@ void Recorder::keep(Session& session, const Item& announced, const std::string& 
   kept->growing = true;
   kept->from_us = kept->to_us = session.start_unix_us;
   pin(*kept, 1);
-  const std::lock_guard lock(mutex_);
+  const bool follows = [&] {
+    const std::lock_guard lock(mutex_);
+    return session.follows;
+  }();
+  const std::lock_guard lock(kept_mutex_);
   auto& all = kept_[session.stream];
-  if (session.follows && !all.empty()) {
+  if (follows && !all.empty()) {
     all.back()->to_us = kept->from_us;
     all.back()->growing = false;
   }
@@ -102,46 +110,95 @@ void Recorder::pin(const Kept& kept, int files) {
 void Recorder::remove_oldest() {
   if (settings_.keep_us == 0) return;
   for (;;) {
-    KeptPtr gone;
-    {
-      const std::lock_guard lock(mutex_);
-      const auto from = next_to_go(unix_from_steady(steady_now_us()));
-      if (from == kept_.end()) return;
-      gone = std::move(from->second.front());
-      from->second.pop_front();
-      if (from->second.empty()) kept_.erase(from);
-      totals_.stored_bytes -= std::min(totals_.stored_bytes, gone->charged);
-      std::uint64_t& held = holders_[gone->holder];
-      held -= std::min(held, gone->charged);
+    const auto streams = streams_to_shorten(unix_from_steady(steady_now_us()));
+    if (streams.empty()) return;
+    for (const std::string& stream : streams) {
+      KeptPtr gone;
+      {
+        const std::lock_guard lock(kept_mutex_);
+        const auto from = kept_.find(stream);
+        gone = std::move(from->second.front());
+        from->second.pop_front();
+        if (from->second.empty()) kept_.erase(from);
+      }
+      {
+        const std::lock_guard lock(mutex_);
+        totals_.stored_bytes -= std::min(totals_.stored_bytes, gone->charged);
+        std::uint64_t& held = holders_[gone->holder];
+        held -= std::min(held, gone->charged);
+        if (held == 0) holders_.erase(gone->holder);
+      }
+      holder_of_.erase(gone->file);
+      pin(*gone, -1);
+      std::error_code ignored;
+      fs::remove(gone->file, ignored);
     }
-    holder_of_.erase(gone->file);
-    pin(*gone, -1);
-    std::error_code ignored;
-    fs::remove(gone->file, ignored);
   }
 }
 
-/// The stream whose first file is over: by its age, or as the oldest of the holder of most, of those beyond their share
-/// or, where there is too much, of all. REQUIRES: mutex_ is held.
-auto Recorder::next_to_go(TimeUs now_us) -> decltype(kept_)::iterator {
+/// Those whose first file is over: by its age, or of a stream with too many; then the oldest of the holder of most, of
+/// those beyond their share of bytes or names or, where there is too much, of all. Each stream once: what is left is
+/// for the next time.
+std::vector<std::string> Recorder::streams_to_shorten(TimeUs now_us) const {
+  struct First {
+    TimeUs from_us = 0;
+    const std::string* stream = nullptr;
+    std::int64_t charged = 0;
+    bool only = false;
+    bool operator>(const First& other) const { return from_us > other.from_us; }
+  };
+  struct Holder {
+    std::int64_t bytes = 0, names = 0;
+    std::priority_queue<First, std::vector<First>, std::greater<>> oldest;
+  };
+  std::map<std::string, Holder> holders;
   const auto max = static_cast<std::int64_t>(settings_.max_total_bytes);
-  const auto stored = static_cast<std::int64_t>(totals_.stored_bytes);
-  auto best = kept_.end();
-  std::int64_t most = 0;
-  for (auto it = kept_.begin(); it != kept_.end(); ++it) {
-    const Kept& first = *it->second.front();
-    if (first.growing) continue;
-    const auto most_files = static_cast<std::size_t>(settings_.keep_us / kPieceUs) + kMorePieces;
-    if (first.to_us < now_us - settings_.keep_us || it->second.size() > most_files) return it;
-    const auto held = holders_.find(first.holder);
-    const auto own = static_cast<std::int64_t>(held == holders_.end() ? 0 : held->second);
-    const bool over = stored >= max || (!first.holder.empty() && own >= share_of(max, stored, own));
-    if (!over || (best != kept_.end() && own < most)) continue;
-    if (best != kept_.end() && own == most && best->second.front()->from_us <= first.from_us) continue;
-    best = it;
-    most = own;
+  std::int64_t stored = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    stored = static_cast<std::int64_t>(totals_.stored_bytes);
+    for (const auto& [name, bytes] : holders_) holders[name].bytes = static_cast<std::int64_t>(bytes);
   }
-  return best;
+  const auto most_files = static_cast<std::size_t>(settings_.keep_us / kPieceUs) + kMorePieces;
+  std::vector<std::string> gone;
+  const std::lock_guard lock(kept_mutex_);
+  auto names = std::ssize(kept_);
+  for (const auto& [stream, files] : kept_) {
+    const Kept& first = *files.front();
+    Holder& holder = holders[first.holder];
+    ++holder.names;
+    if (first.growing) continue;
+    if (first.to_us < now_us - settings_.keep_us || files.size() > most_files) {
+      gone.push_back(stream);
+    } else {
+      holder.oldest.push({first.from_us, &stream, static_cast<std::int64_t>(first.charged), files.size() == 1});
+    }
+  }
+  const auto is_over = [&](const std::string& name, const Holder& holder) {
+    if (holder.oldest.empty()) return false;
+    if (stored >= max || names > settings_.max_kept_streams) return true;
+    return !name.empty() && (holder.bytes >= share_of(max, stored, holder.bytes) ||
+                             holder.names > share_of(settings_.max_kept_streams, names, holder.names));
+  };
+  while (gone.empty() || gone.size() < kShortenedAtOnce) {
+    Holder* most = nullptr;
+    for (auto& [name, holder] : holders) {
+      if (!is_over(name, holder)) continue;
+      const bool more = most == nullptr || std::tie(holder.bytes, holder.names) > std::tie(most->bytes, most->names);
+      const bool as_much = most != nullptr && holder.bytes == most->bytes && holder.names == most->names;
+      if (more || (as_much && most->oldest.top() > holder.oldest.top())) most = &holder;
+    }
+    if (most == nullptr) break;
+    const First first = most->oldest.top();
+    most->oldest.pop();
+    gone.push_back(*first.stream);
+    stored -= first.charged;
+    most->bytes -= first.charged;
+    if (!first.only) continue;
+    --names;
+    --most->names;
+  }
+  return gone;
 }
 
 /// Finds what others removed.

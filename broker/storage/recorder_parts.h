@@ -45,7 +45,6 @@ struct Recorder::Session {
   bool follows = false;            ///< What the file before it ended with.
   bool goes_on = false;            ///< The file after it does so.
   std::uint64_t object_bytes = 0;  ///< Of the file.
-  KeptPtr kept;
   std::uint64_t dropped = 0;  ///< Since the last enqueued key.
   bool failed = false;
   TimeUs resume_us = 0;  ///< Not 0: the disk failed, and until then nothing is tried.
@@ -53,6 +52,7 @@ struct Recorder::Session {
 
   // Belong to the thread.
   std::optional<recording::Writer> writer;
+  KeptPtr kept;
   CoefficientLayout layout;
   std::string asset;
   std::string holder;        ///< Pays for what is written from now on.

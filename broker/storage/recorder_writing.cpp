@@ -61,10 +61,14 @@ void Recorder::work(Item& item) {
 
 /// The last of its stream stays the growing one until the file is there that goes on.
 void Recorder::end_piece(Session& session) {
-  const std::lock_guard lock(mutex_);
+  const auto [goes_on, follows] = [&] {
+    const std::lock_guard lock(mutex_);
+    return std::pair(session.goes_on, session.follows);
+  }();
+  const std::lock_guard lock(kept_mutex_);
   const auto all = kept_.find(session.stream);
-  if (session.kept && !session.goes_on) session.kept->growing = false;
-  if (!session.kept && session.follows && all != kept_.end()) all->second.back()->growing = false;
+  if (session.kept && !goes_on) session.kept->growing = false;
+  if (!session.kept && follows && all != kept_.end()) all->second.back()->growing = false;
 }
 
 void Recorder::open(Session& session, const Item& announced) {
@@ -190,6 +194,7 @@ void Recorder::note(Session& session) {
   session.info.frames = session.writer->frames();
   session.info.duration_us = session.writer->duration_us();
   if (!session.kept) return;
+  const std::lock_guard lock_kept(kept_mutex_);
   session.kept->to_us = session.kept->from_us + session.info.duration_us;
   session.kept->charged = session.charged;
 }
