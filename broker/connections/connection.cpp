@@ -431,7 +431,7 @@ void Connection::tick() {
             std::to_string(silent_us / 1'000'000) + " s (timeouts.idle_ms)");
     return close_later();
   }
-  if (reader_.behind_us(context_.turn.now_us()) > idle_us) {
+  if (!reading_.waits && reader_.behind_us(context_.turn.now_us()) > idle_us) {
     return give_message_up(fail(ErrorCode::kTimeout,
                                 "a message came more slowly than 4,000 bytes a second, by more than "
                                 "timeouts.idle_ms: try a faster link, or smaller messages"));
