@@ -6,9 +6,7 @@
 #include <utility>
 
 #include "common/reconstruction/reconstruct.h"
-#include "common/recording/writer.h"
 #include "common/wire/control.h"
-#include "sdk/key_writer.h"
 #include "sdk/pose_projection.h"
 #include "sender/clip_coefficients.h"
 
@@ -17,24 +15,33 @@ namespace {
 
 constexpr TimeUs kCheckpointEveryUs = 1'000'000;
 
-/// A join to the newest key of a chain.
-Result<Bytes> checkpoint_of(const KeyWriter& writer) {
-  const ChainState& state = *writer.state();
-  auto payload = encode_join(writer.layout(), state);
-  if (!payload) return payload;
+}  // namespace
+
+Result<void> record_key(recording::Writer& writer, KeyWriter& keys, KeyWriter::Coded coded, TimeUs time_us,
+                        TimeUs& due_us) {
+  const bool is_first = keys.state() == nullptr;
+  const Bytes message = coded.message;
+  keys.sent(std::move(coded), message.size());
+  // The first pose is a checkpoint alone.
+  if (!is_first) {
+    if (const auto written = writer.frame(time_us, message); !written) return written;
+  }
+  if (!is_first && time_us < due_us) return {};
+  due_us = time_us + kCheckpointEveryUs;
+  const ChainState& state = *keys.state();
+  const auto payload = encode_join(keys.layout(), state);
+  if (!payload) return payload.error();
   Envelope envelope;
   envelope.kind = FrameKind::kJoin;
   envelope.bands = state.newer.bands;
-  envelope.sequence = writer.newest().sequence;
-  envelope.capture_us = writer.newest().capture_us;
+  envelope.sequence = keys.newest().sequence;
+  envelope.capture_us = keys.newest().capture_us;
   envelope.age_us = state.age_us;
-  Bytes frame;
-  append_envelope(envelope, nullptr, frame);
-  frame.insert(frame.end(), payload->begin(), payload->end());
-  return frame;
+  Bytes join;
+  append_envelope(envelope, nullptr, join);
+  join.insert(join.end(), payload->begin(), payload->end());
+  return writer.checkpoint(time_us, join);
 }
-
-}  // namespace
 
 Result<void> record_clip(const MotionClip& clip, const BakeResult& baked, const std::string& to,
                          const BakeProgress& progress) {
@@ -78,18 +85,7 @@ Result<void> record_clip(const MotionClip& clip, const BakeResult& baked, const 
     const auto time_us = static_cast<TimeUs>(std::llround(1e6 * static_cast<double>(frame) / clip.frame_rate_hz()));
     auto coded = keys.code(*std::move(key), time_us);
     if (!coded) return coded.error();
-    const bool is_first = keys.state() == nullptr;
-    const Bytes message = coded->message;
-    keys.sent(*std::move(coded), message.size());
-    // The first pose is a checkpoint alone.
-    Result<void> written;
-    if (!is_first) written = writer->frame(time_us, message);
-    if (written && time_us >= due_us) {
-      const auto join = checkpoint_of(keys);
-      if (!join) return join.error();
-      written = writer->checkpoint(time_us, *join);
-      due_us = time_us + kCheckpointEveryUs;
-    }
+    auto written = record_key(*writer, keys, *std::move(coded), time_us, due_us);
     if (written && frame % 64 == 0) written = writer->flush();
     if (!written) return written;
   }

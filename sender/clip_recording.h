@@ -4,8 +4,10 @@
 #include <functional>
 #include <string>
 
+#include "common/recording/writer.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
+#include "sdk/key_writer.h"
 
 namespace eigencast {
 
@@ -17,5 +19,11 @@ namespace eigencast {
 /// kCancelled, kIo.
 Result<void> record_clip(const MotionClip& clip, const BakeResult& baked, const std::string& to,
                          const BakeProgress& progress);
+
+/// Writes a key that `keys` has coded, and a checkpoint with the first of its chain and once a second.
+///   due_us  when the next checkpoint is; changed
+/// Errors: those of the codec and recording::Writer.
+Result<void> record_key(recording::Writer& writer, KeyWriter& keys, KeyWriter::Coded coded, TimeUs time_us,
+                        TimeUs& due_us);
 
 }  // namespace eigencast

@@ -322,12 +322,13 @@ void add_commands(CLI::App& app, Settings& s) {
   info->add_option("--json", s.info.json, "as JSON, there; - for standard output")
       ->check(output_path(check_output_file));
 
-  CLI::App* cut = app.add_subcommand("cut", "Copy a range of recordings, joined, without coding them again");
+  CLI::App* cut = app.add_subcommand("cut", "Copy a range of recordings, joined; coded again only at another rate");
   runs(*cut, s, s.cut, kCutExamples);
   cut->add_option("files", s.cut.files, "recordings (.ecrec), in order")->required();
   cut->add_option("--to", s.cut.to, "the new recording")->required()->check(output_path(check_output_file));
   bounded(*cut, "--from", s.cut.from_s, "begin so many seconds into them, at the checkpoint before", 0.0, kMaxSeconds);
   bounded(*cut, "--duration", s.cut.duration_s, "so many seconds (default: to the end)", 1e-3, kMaxSeconds);
+  bounded(*cut, "--rate", s.cut.rate_hz, "keep about so many poses a second, coded again (default: all)", 0.01, 1000.0);
 
   add_context_commands(app, s);
   add_completion_command(app, s);

@@ -115,6 +115,7 @@ struct CutCommand {
   std::string to;
   double from_s = 0;
   double duration_s = 0;  ///< 0: to the end.
+  double rate_hz = 0;     ///< 0: all poses.
 };
 
 struct ReplayCommand {

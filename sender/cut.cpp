@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <set>
 #include <string_view>
@@ -15,6 +16,9 @@
 #include "common/recording/writer.h"
 #include "common/wire/control.h"
 #include "sdk/asset_folder.h"
+#include "sdk/key_writer.h"
+#include "sdk/recorded_stream.h"
+#include "sender/clip_recording.h"
 
 namespace eigencast {
 namespace {
@@ -28,6 +32,26 @@ constexpr TimeUs kBetweenFilesUs = 33'333;
 std::string_view text_of(const Bytes& bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
+
+/// Which poses stay at a lower rate: of each period the one nearest to its beginning.
+class Thinning {
+ public:
+  explicit Thinning(double rate_hz) : period_us_(1e6 / rate_hz) {}
+  bool keeps(TimeUs capture_us) {
+    const auto now_us = static_cast<double>(capture_us);
+    const double half_us = (now_us - std::exchange(newest_us_, now_us)) / 2;
+    const double at_us = now_us + (half_us > 0 ? half_us : 0);
+    if (at_us < due_us_) return false;
+    const double from_us = std::isnan(due_us_) ? now_us : due_us_;
+    due_us_ = from_us + period_us_ * (std::floor((at_us - from_us) / period_us_) + 1);
+    return true;
+  }
+
+ private:
+  static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  double period_us_;
+  double newest_us_ = kNone, due_us_ = kNone;
+};
 
 /// Writes ranges of recordings after one another. Times of the result run on.
 class Cutter {
@@ -74,7 +98,7 @@ class Cutter {
         case Type::kCheckpoint:
           if (!first_us) first_us = time_us;
           if (announce) {
-            add_missing(text_of(announce->body));
+            add_asset(text_of(announce->body), missing_);
             written = writer_.announce(at_us(), text_of(announce->body), memory);
           }
           announce.reset();
@@ -95,6 +119,53 @@ class Cutter {
     return {};
   }
 
+  /// The same with fewer poses, and without memories, which these would not be predicted from.
+  Result<void> thin(const std::string& file, TimeUs from_us, TimeUs until_us, double rate_hz) {
+    auto stream = RecordedStream::open(file);
+    if (!stream) return stream.error();
+    if (const auto sought = stream->seek(from_us); !sought) return sought;
+    const auto object_of = [&](const Sha256& id) -> Result<Bytes> {
+      auto held = stream->object(id);
+      return held || !missing_ ? std::move(held) : missing_(id);
+    };
+    std::optional<TimeUs> first_us;
+    std::string text;
+    std::optional<KeyWriter> keys;
+    Thinning thinning(rate_hz);
+    std::uint8_t coarse = 0;  ///< As the sender coded the newest key.
+    TimeUs due_us = 0;
+    for (;;) {
+      auto event = stream->next();
+      if (!event) return event.error();
+      if (!*event || (**event).time_us > until_us) break;
+      const TimeUs time_us = begun_us_ + std::max<TimeUs>(0, (**event).time_us - first_us.value_or((**event).time_us));
+      if (auto* announce = std::get_if<control::Announce>(&(**event).what)) {
+        if (announce->key_rate_hz > 0) announce->key_rate_hz = std::min(announce->key_rate_hz, rate_hz);
+        std::string said = text_from_control(*announce);
+        if (said == std::exchange(text, said)) continue;  // It comes again for another memory.
+        add_asset(text, object_of);
+        if (const auto written = writer_.announce(time_us, text); !written) return written;
+        keys.emplace(stream->layout(), std::uint8_t{0}, std::nullopt);
+        keys->begin({});
+        const auto as_coarse = [&coarse, layout = stream->layout()](const ChainState& state, const Key& key, auto) {
+          return encode_key(layout, state, key, coarse);
+        };
+        keys->code_by(as_coarse, std::nullopt, false);
+        thinning = Thinning(rate_hz);
+      }
+      auto* pose = std::get_if<RecordedPose>(&(**event).what);
+      if (pose != nullptr && !pose->coded.empty()) coarse = half_spacing_of(pose->coded);
+      if (pose == nullptr || !keys || !thinning.keeps(pose->capture_us)) continue;
+      if (!keys->may_follow(pose->capture_us)) continue;
+      if (!first_us) first_us = (**event).time_us;
+      auto coded = keys->code(std::move(pose->key), pose->capture_us);
+      if (!coded) return coded.error();
+      if (const auto written = record_key(writer_, *keys, *std::move(coded), time_us, due_us); !written) return written;
+    }
+    if (first_us) begun_us_ = writer_.duration_us() + kBetweenFilesUs;
+    return {};
+  }
+
   /// Errors: kInvalidArgument: there is no pose.
   Result<CutFacts> finish() {
     if (begun_us_ == 0) return fail(ErrorCode::kInvalidArgument, "the range holds no pose");
@@ -105,12 +176,12 @@ class Cutter {
 
  private:
   /// As far as it is there: who reads the result sees what it holds.
-  void add_missing(std::string_view text) {
+  void add_asset(std::string_view text, const std::function<Result<Bytes>(const Sha256&)>& object_of) {
     const auto message = control_from_text(text);
     const auto* announce = message ? std::get_if<control::Announce>(&*message) : nullptr;
     const auto id = announce != nullptr ? Sha256::from_hex(announce->asset) : std::nullopt;
-    if (!missing_ || !id || copied_.contains(*id)) return;
-    const auto whole = assemble_asset(*id, missing_);
+    if (!object_of || !id || copied_.contains(*id)) return;
+    const auto whole = assemble_asset(*id, object_of);
     if (!whole) return;
     for (const auto* parts : {&whole->encoded.chunks, &whole->encoded.sections}) {
       for (const AssetObject& part : *parts) add(part);
@@ -129,7 +200,7 @@ class Cutter {
 
 }  // namespace
 
-Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double from_s, double duration_s,
+Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double from_s, double duration_s, double rate_hz,
                                 const std::string& to, const std::function<Result<Bytes>(const Sha256&)>& missing) {
   std::error_code ignored;
   if (fs::exists(to, ignored)) return fail(ErrorCode::kRefused, to + ": is there already; name another file");
@@ -146,6 +217,7 @@ Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double fr
     if (!writer) return writer.error();
     Cutter cutter(*std::move(writer), missing);
     for (std::size_t i = 0; i < readers.size(); ++i) {
+      if (rate_hz > 0) break;
       if (const auto copied = cutter.copy_objects(readers[i]); !copied) return in_context(files[i], copied.error());
     }
     // The range counts through all recordings.
@@ -158,7 +230,9 @@ Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double fr
         continue;
       }
       const TimeUs until_us = std::min(from_us + left_us, length_us);
-      if (const auto copied = cutter.copy(readers[i], from_us, until_us); !copied)
+      const auto copied = rate_hz > 0 ? cutter.thin(files[i], from_us, until_us, rate_hz)
+                                      : cutter.copy(readers[i], from_us, until_us);
+      if (!copied)
         return in_context(files[i], copied.error());
       left_us -= until_us - from_us;
       from_us = 0;

@@ -49,11 +49,10 @@ Result<std::unique_ptr<MotionClip>> open_at_rate(const ExportCommand& command) {
 Result<void> record(const ExportCommand& command, const std::string& to, const Console& console, Interrupt& interrupt) {
   const ClipPart& part = command.part;
   if (is_recording(command.source.input)) {
-    if (part.rate_hz > 0 || part.level < 1)
-      return fail(ErrorCode::kInvalidArgument,
-                  "poses of a recording stay as they are coded: leave --rate and --level out");
+    if (part.level < 1)
+      return fail(ErrorCode::kInvalidArgument, "poses of a recording stay as they are coded: leave --level out");
     const AssetCache cache(default_cache_dir());
-    const auto cut = cut_recordings({command.source.input}, part.from_s, part.duration_s, to,
+    const auto cut = cut_recordings({command.source.input}, part.from_s, part.duration_s, part.rate_hz, to,
                                     [&](const Sha256& id) -> Result<Bytes> {
                                       auto cached = cache.load(id);
                                       if (cached) return *std::move(cached);

@@ -154,7 +154,7 @@ int run(const InfoCommand& command, const Console&, Interrupt&) {
 }
 
 int run(const CutCommand& command, const Console&, Interrupt&) {
-  const auto cut = cut_recordings(command.files, command.from_s, command.duration_s, command.to);
+  const auto cut = cut_recordings(command.files, command.from_s, command.duration_s, command.rate_hz, command.to);
   if (!cut) return report_failure(cut.error());
   const double seconds = 1e-6 * static_cast<double>(cut->duration_us);
   std::puts(formatted("%s: %.1f s, %llu frames, %llu bytes", command.to.c_str(), seconds,

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <regex>
+#include <variant>
 
 #include "common/codec/chain.h"
 #include "common/core/files.h"
@@ -19,6 +20,7 @@
 #include "common/wire/envelope.h"
 #include "sdk/publisher.h"
 #include "sdk/recorded_clip.h"
+#include "sdk/recorded_stream.h"
 #include "sender/clip_part.h"
 #include "sender/clip_recording.h"
 #include "sender/cut.h"
@@ -263,23 +265,80 @@ class RecordedBalls : public ::testing::Test {
 
 TEST_F(RecordedBalls, AreCutAndJoinedWithoutCodingAnew) {
   const std::string a = record("a.ecrec", 50), b = record("b.ecrec", 10), to = folder_.file("to.ecrec");
-  const auto cut = cut_recordings({a}, 0.8, 0.4, to);
+  const auto cut = cut_recordings({a}, 0.8, 0.4, 0, to);
   ASSERT_TRUE(cut) << cut.error().message;
   using Poses = std::vector<std::pair<int, TimeUs>>;
   Poses expected;
   for (int f = 20; f <= 30; ++f) expected.emplace_back(f, (f - 20) * 40'000);
   EXPECT_EQ(poses_of(to, baked_), expected);
   EXPECT_EQ(cut->bytes, std::filesystem::file_size(to));
-  EXPECT_EQ(cut_recordings({a}, 0, 0, to).error().code, ErrorCode::kRefused) << "it is there";
+  EXPECT_EQ(cut_recordings({a}, 0, 0, 0, to).error().code, ErrorCode::kRefused) << "it is there";
   const std::string joined = folder_.file("joined.ecrec");
-  ASSERT_TRUE(cut_recordings({a, b, to}, 1.92, 0, joined));
+  ASSERT_TRUE(cut_recordings({a, b, to}, 1.92, 0, 0, joined));
   expected = {{48, 0}, {49, 40'000}};
   for (int f = 0; f < 10; ++f) expected.emplace_back(f, 73'333 + f * 40'000);
   for (int f = 20; f <= 30; ++f) expected.emplace_back(f, 73'333 + 9 * 40'000 + 33'333 + (f - 20) * 40'000);
   EXPECT_EQ(poses_of(joined, baked_), expected);
-  EXPECT_EQ(cut_recordings({a}, 9, 0, folder_.file("none.ecrec")).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(cut_recordings({a}, 9, 0, 0, folder_.file("none.ecrec")).error().code, ErrorCode::kInvalidArgument);
   EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec")));
   EXPECT_FALSE(std::filesystem::exists(folder_.file("none.ecrec.part")));
+}
+
+TEST_F(RecordedBalls, AreThinnedAtTheTimesNearestToTheRate) {
+  const std::string a = record("a.ecrec", 50), to = folder_.file("to.ecrec");
+  const auto cut = cut_recordings({a}, 0.8, 0.4, 10, to);
+  ASSERT_TRUE(cut) << cut.error().message;
+  const std::vector<std::pair<int, TimeUs>> expected{
+      {20, 0}, {22, 80'000}, {25, 200'000}, {27, 280'000}, {30, 400'000}};
+  EXPECT_EQ(poses_of(to, baked_), expected);
+  EXPECT_EQ(cut->frames, 4u) << "and a checkpoint";
+  const std::string same = folder_.file("same.ecrec");
+  ASSERT_TRUE(cut_recordings({a}, 0, 0, 100, same));
+  EXPECT_EQ(poses_of(same, baked_), poses_of(a, baked_)) << "no pose comes twice";
+}
+
+TEST_F(RecordedBalls, PosesThatStayAreCodedAsCoarselyAndTakeLess) {
+  const auto clip = parabolic(60);
+  BakeOptions options;
+  options.rank = 20;
+  const BakeResult baked = bake(clip->rest(), options, "").value();
+  const std::string whole = folder_.file("whole.ecrec"), half = folder_.file("half.ecrec");
+  ASSERT_TRUE(record_clip(*clip, baked, whole, {}));
+  ASSERT_TRUE(cut_recordings({whole}, 0, 0, 10, half));
+  std::uint8_t coarse = 0;
+  const auto bytes_of = [](const std::string& path) {
+    double sum = 0;
+    auto reader = recording::Reader::open(path).value();
+    while (const auto record = reader.next().value())
+      sum += record->type == recording::Type::kFrame ? static_cast<double>(record->body.size()) : 0;
+    return sum;
+  };
+  const auto keys_of = [&](const std::string& path) {
+    std::vector<Key> keys;
+    auto stream = RecordedStream::open(path).value();
+    for (;;) {
+      const auto event = stream.next();
+      EXPECT_TRUE(event);
+      if (!event || !*event) return keys;
+      const auto* pose = std::get_if<RecordedPose>(&(**event).what);
+      if (pose == nullptr) continue;
+      keys.push_back(pose->key);
+      if (!pose->coded.empty()) coarse = half_spacing_of(pose->coded);
+    }
+  };
+  const std::vector<Key> all = keys_of(whole), some = keys_of(half);
+  ASSERT_EQ(all.size(), 60u);
+  ASSERT_EQ(some.size(), 30u);
+  EXPECT_EQ(some[0], all[0]);
+  double off = 0;
+  for (std::size_t i = 0; i < some.size(); ++i) {
+    ASSERT_EQ(some[i].step, all[2 * i].step);
+    for (std::size_t k = 0; k < some[i].q.size(); ++k) off += std::pow(some[i].q[k] - all[2 * i].q[k], 2);
+  }
+  const double rms = std::sqrt(off / static_cast<double>(some.size() * some[0].q.size()));
+  EXPECT_GT(coarse, 0);
+  EXPECT_LE(rms, coarse) << "of which the sender was off by 0.56 itself";
+  EXPECT_LT(bytes_of(half), 0.7 * bytes_of(whole));
 }
 
 TEST_F(RecordedBalls, GetTheSurfaceThatTheyLack) {
@@ -291,9 +350,9 @@ TEST_F(RecordedBalls, GetTheSurfaceThatTheyLack) {
     }
     return fail(ErrorCode::kNotFound, "another");
   };
-  ASSERT_TRUE(cut_recordings({bare}, 0, 0, to, given));
+  ASSERT_TRUE(cut_recordings({bare}, 0, 0, 0, to, given));
   EXPECT_EQ(poses_of(to, baked_).size(), 5u);
-  ASSERT_TRUE(cut_recordings({bare}, 0, 0, folder_.file("still.ecrec")));
+  ASSERT_TRUE(cut_recordings({bare}, 0, 0, 0, folder_.file("still.ecrec")));
   EXPECT_EQ(read_recording(folder_.file("still.ecrec"), "").error().code, ErrorCode::kNotFound);
   if (!player_page().empty()) {
     EXPECT_EQ(write_page(folder_.file("still.ecrec"), folder_.file("x.html"), {}).error().code, ErrorCode::kNotFound);
