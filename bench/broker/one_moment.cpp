@@ -4,7 +4,7 @@
 //
 // Watches a stream of a broker on this machine as so many viewers (100), each behind an impaired link of its own: 5 to
 // 85 ms each way, jitter of up to a quarter of that, LOSS (0) of segments. Each plays out by its own Playout and its
-// own estimate of the broker's clock, 60 times a second. After ten seconds it notes for SECONDS (20) how far the moment
+// own estimate of the broker's clock, 60 times a second. Ten seconds after all have the surface it notes for SECONDS (20) how far the moment
 // that each shows is from the median's, by this machine's clock, which links do not touch. GROUP (one): that of `sync`;
 // "-": none, for comparison. Prints a line of JSON.
 #include <algorithm>
@@ -32,7 +32,7 @@ namespace {
 using namespace eigencast;
 using testing::ImpairedRelay;
 
-constexpr TimeUs kSettleUs = 10'000'000, kPictureUs = 16'667;
+constexpr TimeUs kSettleUs = 10'000'000, kPictureUs = 16'667, kPatienceUs = 120'000'000;
 
 struct Viewer {
   std::unique_ptr<ImpairedRelay> link;
@@ -61,6 +61,11 @@ struct Viewer {
     return pose;
   }
 };
+
+bool has_whole_surface(const Viewer& viewer) {
+  const Asset* asset = viewer.subscriber->asset();
+  return asset != nullptr && asset->rows_ready == asset->vertex_count;
+}
 
 double distance(const Coefficients& a, const Coefficients& b) {
   double sum = 0;
@@ -159,7 +164,7 @@ int main(int argc, char** argv) {
   if (!direct_subscriber) return std::fprintf(stderr, "%s\n", direct_subscriber.error().message.c_str()), 1;
   Truth truth(std::move(*direct_subscriber));
   const TimeUs start = steady_now_us();
-  const auto end = start + kSettleUs + static_cast<TimeUs>(seconds * 1e6);
+  TimeUs settled_us = start + kSettleUs, end = settled_us + static_cast<TimeUs>(seconds * 1e6);
   std::vector<TimeUs> off, pose_off;
   TimeUs longest_us = 0;
   std::vector<std::vector<TimeUs>> of_viewer(viewers.size());
@@ -174,7 +179,13 @@ int main(int argc, char** argv) {
       shown.push_back(viewer.show(shown_at.back()));
       if (shown.back()) moments.push_back(shown.back()->time_us - shown_at.back());
     }
-    if (next - start < kSettleUs || moments.empty()) continue;
+    next = std::max(next, begun - kPictureUs);  // Pictures that a busy machine misses are not made up for.
+    // Reading a hundred surfaces in one thread is nothing that a viewer does.
+    if (!std::all_of(viewers.begin(), viewers.end(), has_whole_surface) && begun - start < kPatienceUs) {
+      settled_us = begun + kSettleUs;
+      end = settled_us + static_cast<TimeUs>(seconds * 1e6);
+    }
+    if (begun < settled_us || moments.empty()) continue;
     std::nth_element(moments.begin(), moments.begin() + static_cast<std::ptrdiff_t>(moments.size() / 2), moments.end());
     const TimeUs median = moments[moments.size() / 2];
     for (std::size_t i = 0; i < shown.size(); ++i) {
