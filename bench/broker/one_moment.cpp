@@ -4,9 +4,10 @@
 //
 // Watches a stream of a broker on this machine as so many viewers (100), each behind an impaired link of its own: 5 to
 // 85 ms each way, jitter of up to a quarter of that, LOSS (0) of segments. Each plays out by its own Playout and its
-// own estimate of the broker's clock, 60 times a second. Ten seconds after all have the surface it notes for SECONDS (20) how far the moment
-// that each shows is from the median's, by this machine's clock, which links do not touch. GROUP (one): that of `sync`;
-// "-": none, for comparison. Prints a line of JSON.
+// own estimate of the broker's clock, 60 times a second. Ten seconds after all have the surface it notes for SECONDS
+// (20) how far the moment that each shows is from the median's, by this machine's clock, which links do not touch, and
+// how far its pose is from the sender's of that median, in milliseconds of mean motion. GROUP (one): that of `sync`;
+// "-": none, for comparison. PLAYOUT: `estimate` (default, as of --sync) or `interpolate`. Prints a line of JSON.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
