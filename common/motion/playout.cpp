@@ -100,7 +100,10 @@ bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
   arrival_us = bounded_time(arrival_us);
   const bool sure = pose.shown != Shown::kEstimated;
   if (!poses_.empty() && pose.time_us <= (sure ? newest_sure_us_ : poses_.back().time_us)) return false;
-  if (!poses_.empty() && pose.coefficients.size() != poses_.back().coefficients.size()) {
+  const std::size_t size = pose.coefficients.size(), before = poses_.empty() ? size : poses_.back().coefficients.size();
+  if (size > before) {
+    for (PlayoutPose& one : poses_) one.coefficients.edit().resize(size);
+  } else if (size < before) {
     poses_.clear();
     next_ahead_ = false;
     correction_.reset();

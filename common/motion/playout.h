@@ -96,8 +96,8 @@ class Playout {
   /// The rows at which bands end; empty: unknown, all rows are mixed.
   void set_band_ends(std::span<const std::uint32_t> ends) { band_ends_.assign(ends.begin(), ends.end()); }
 
-  /// Takes a pose that arrived at `arrival_us`. Drops it where it is not after the newest (returns false). A pose of
-  /// another size replaces all before.
+  /// Takes a pose that arrived at `arrival_us`. Drops it where it is not after the newest (returns false). All before
+  /// have zeros where it is longer, as by what its stream has learnt; a shorter one replaces them.
   bool add(PlayoutPose pose, TimeUs arrival_us);
   /// Takes a key that came before the poses that lead up to it. Drops it where it is not after the newest.
   void add_next(PlayoutPose key);

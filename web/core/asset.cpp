@@ -9,6 +9,10 @@
 
 using namespace eigencast;
 
+namespace {
+std::uint64_t numbers = 0;
+}
+
 core_asset* asset_open(const uint8_t* id, const uint8_t* manifest, uint32_t size, uint32_t bands, double max_bytes) {
   Sha256 hash;
   std::copy_n(id, hash.digest.size(), hash.digest.begin());
@@ -20,16 +24,11 @@ core_asset* asset_open(const uint8_t* id, const uint8_t* manifest, uint32_t size
                                                   " bytes of memory, more than the limit given"));
   }
   if (bands == 0) reader->reserve();  // Of fewer the first chunk may do, and a manifest may lie.
-  static std::uint64_t opened = 0;
-  return new core_asset{std::move(*reader), ++opened};
+  return new core_asset{std::move(*reader), ++numbers};
 }
 
 void asset_free(core_asset* asset) {
   delete asset;
-}
-
-double asset_memory_bytes(const core_asset* asset) {
-  return static_cast<double>(asset->reader.memory_bytes());
 }
 
 uint32_t asset_chunk_count(const core_asset* asset) {
@@ -51,6 +50,14 @@ const core_chunk* asset_chunk(core_asset* asset, uint32_t index) {
 
 int32_t asset_add(core_asset* asset, uint32_t index, const uint8_t* bytes, uint32_t size) {
   return web::status_of(asset->reader.add_chunk(index, ByteView(bytes, size)));
+}
+
+const core_basis* asset_widen(core_asset* held, uint32_t columns) {
+  Asset& asset = held->reader.widen(columns);
+  held->number = ++numbers;
+  held->basis = {asset.integers.data(), asset.column_scales.data(),
+                 static_cast<std::uint32_t>(asset.column_scales.size())};
+  return &held->basis;
 }
 
 const core_facts* asset_facts(core_asset* held) {
@@ -80,6 +87,8 @@ const core_facts* asset_facts(core_asset* held) {
   }
   facts.name = asset.name.c_str();
   facts.area = asset.area;
+  facts.has_columns = held->reader.columns() ? 1 : 0;
+  facts.map = asset.map.data();
   return &facts;
 }
 

@@ -154,20 +154,30 @@ typedef struct {
   uint32_t image_bytes;
   const char* name; /* zero-terminated UTF-8 */
   double area;      /* of the surface, or of what its points stand for; surface units squared */
+  uint32_t has_columns; /* that its stream has learnt: beside the chunks */
+  const uint32_t* map;  /* rows_ready: of each row from q on the one that it contracts to */
 } core_facts;
+
+typedef struct {
+  int16_t* integers;    /* rows x columns, row-major */
+  float* column_scales; /* columns */
+  uint32_t columns;
+} core_basis;
 
 /* id  32 bytes that the manifest must hash to
    bands  how many of the lowest are wanted; 0: all. With fewer, chunks are complete after needed_bytes
-   max_bytes  what the whole asset may take (asset_memory_bytes); more is refused as too-large */
+   max_bytes  what the whole asset may take; more is refused as too-large */
 core_asset* CORE(asset_open)(const uint8_t* id, const uint8_t* manifest, uint32_t size, uint32_t bands,
                              double max_bytes);
 void CORE(asset_free)(core_asset* asset);
-double CORE(asset_memory_bytes)(const core_asset* asset);
 uint32_t CORE(asset_chunk_count)(const core_asset* asset);
 /* Null beyond the last. */
 const core_chunk* CORE(asset_chunk)(core_asset* asset, uint32_t index);
 /* Chunks come in order, each whole or its first needed_bytes. After an error nothing has changed. */
 int32_t CORE(asset_add)(core_asset* asset, uint32_t index, const uint8_t* bytes, uint32_t size);
+/* Makes room for columns that the asset's stream has learnt, which the caller writes behind the others, as one band
+   more. All chunks must be there, with fewer than CORE_MAX_BANDS. Surfaces take it for another asset. */
+const core_basis* CORE(asset_widen)(core_asset* asset, uint32_t columns);
 const core_facts* CORE(asset_facts)(core_asset* asset);
 /* The number in the source of a vertex that has arrived, or of the one that a drawn vertex with UVs stands for;
    2^32 - 1: it has not. */
@@ -198,7 +208,7 @@ void CORE(surface_free)(core_surface* surface);
 /* Takes what of the asset has arrived since; another asset starts anew. */
 int32_t CORE(surface_update)(core_surface* surface, const core_asset* asset);
 /* The asset as of the last surface_update.
-   coefficients  rank x channels; rank_used: the first so many rows of them count, 0: all
+   coefficients  rank x channels, or fewer rows; rank_used: the first so many rows of them count, 0: all
    level         vertices; clamped to base_count and what has arrived
    is_textured   with UVs, where the surface has an image
    px_per_unit   pixels of the screen for a unit of a mesh: vertices come and go at a pace, at `level` once they have
@@ -223,6 +233,25 @@ const core_numbers* CORE(surface_numbers)(core_surface* surface, const core_asse
    surface_rebuild, which it leaves alone. */
 const float* CORE(surface_points)(core_surface* surface, const core_asset* asset, const double* coefficients,
                                   uint32_t count, uint32_t channels, const uint32_t* vertices, uint32_t points);
+
+/* ---- Columns that streams learn (docs/asset-format.md): eigencast-columns.wasm, a module of its own ---- */
+
+typedef struct core_columns core_columns;
+
+typedef struct {
+  const float* scales;   /* count */
+  const int16_t* values; /* vertices x count, row-major */
+  uint32_t count;
+} core_learnt;
+
+/* What an asset's manifest says of them; null: there are none, or it cannot be read. */
+core_columns* CORE(columns_open)(const uint8_t* manifest, uint32_t size);
+void CORE(columns_free)(core_columns* columns);
+/* Their bytes, as a chunk without rows. */
+const core_chunk* CORE(columns_section)(core_columns* columns);
+/* map: of the whole asset, core_facts. Errors: corrupt, too-large, unsupported. */
+const core_learnt* CORE(columns_read)(core_columns* columns, const uint8_t* section, uint32_t size,
+                                      const uint32_t* map);
 
 /* ---- Levels: how many vertices surfaces get, and how pictures are drawn, to be in time (common/levels) ---- */
 

@@ -137,7 +137,7 @@ const core_geometry* surface_rebuild(core_surface* surface, const core_asset* as
   const std::uint32_t ready = surface->reconstructor.tiles().rows();
   if (surface->asset != asset->number || ready < from.base_count || ready == 0)
     return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or none"));
-  if (channels < 3 || count != std::uint64_t{from.rank} * channels)
+  if (channels < 3 || count > std::uint64_t{from.rank} * channels)
     return web::no(fail(ErrorCode::kInvalidArgument, "the pose has another size than the surface"));
   const bool morphs = px_per_unit > 0 && !from.is_point_cloud();
   LevelMorph at_once;
@@ -150,7 +150,8 @@ const core_geometry* surface_rebuild(core_surface* surface, const core_asset* as
   surface->normals.resize(surface->positions.size());
   PoseToRebuild pose{{coefficients, count}, channels, surface->positions, {}};
   if (surface->reconstructor.has_detail()) pose.normals = surface->normals;
-  surface->reconstructor.rebuild({&pose, 1}, rank_used == 0 ? from.rank : std::min(rank_used, from.rank), N);
+  const std::uint32_t rows = count / channels;
+  surface->reconstructor.rebuild({&pose, 1}, rank_used == 0 ? rows : std::min(rank_used, rows), N);
   surface->finish(from, drawn);
   core_geometry& geometry = surface->geometry;
   const AssetTexture* texture = is_textured != 0 ? from.texture.get() : nullptr;
@@ -183,7 +184,7 @@ const float* surface_points(core_surface* surface, const core_asset* asset, cons
                             uint32_t channels, const uint32_t* vertices, uint32_t points) {
   const Asset& from = asset->reader.asset();
   const std::uint32_t ready = surface->reconstructor.tiles().rows();
-  if (surface->asset != asset->number || channels < 3 || count != std::uint64_t{from.rank} * channels)
+  if (surface->asset != asset->number || channels < 3 || count > std::uint64_t{from.rank} * channels)
     return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or the pose is another's"));
   std::vector<float>&all = surface->values, &room = surface->room;
   all.assign(std::size_t{3} * points, std::numeric_limits<float>::quiet_NaN());
@@ -195,7 +196,7 @@ const float* surface_points(core_surface* surface, const core_asset* asset, cons
     const std::uint32_t row = vertices[i] < row_of.size() ? row_of[vertices[i]] : ready;
     if (row >= ready) continue;
     const PoseToRebuild pose{{coefficients, count}, channels, {room.data(), std::size_t{3} * (row + 1)}, {}};
-    surface->reconstructor.rebuild({&pose, 1}, from.rank, row + 1, row);
+    surface->reconstructor.rebuild({&pose, 1}, count / channels, row + 1, row);
     std::copy_n(&room[std::size_t{3} * row], 3, &all[std::size_t{3} * i]);
   }
   return all.data();
@@ -206,7 +207,7 @@ const core_numbers* surface_numbers(core_surface* surface, const core_asset* ass
   const std::uint32_t N = surface->geometry.level;
   if (surface->asset != asset->number || N > surface->reconstructor.tiles().rows())
     return web::no(fail(ErrorCode::kInvalidArgument, "the surface follows another asset, or none"));
-  if (count != std::uint64_t{3} * asset->reader.asset().rank)
+  if (count > std::uint64_t{3} * asset->reader.asset().rank)
     return web::no(fail(ErrorCode::kInvalidArgument, "the pose has another size than the surface"));
   surface->values.resize(N);
   numbers_from_coefficients(surface->reconstructor, {coefficients, count},

@@ -8,7 +8,7 @@ export { Surface } from './core/surface.js';
 export * from './core/levels.js';
 export { Writer } from './core/writer.js';
 export * from './client/index.js';
-export { profileIn } from './client/client.js';
+export { profileIn } from './client/query.js';
 export { publish, Publisher } from './publisher/index.js';
 export { readControl, writeControl } from './client/control.js';
 export { ClockOffset } from './client/clock_offset.js';

@@ -111,12 +111,22 @@ Result<ColumnsSection> ColumnsSection::parse(ByteView bytes, std::span<const std
   return section;
 }
 
-Result<void> ColumnsSection::widen(Asset& asset) const {
-  if (const auto able = check_columns(asset, count()); !able) return able;
-  asset.rank += count();
+void add_columns(Asset& asset, std::uint32_t k) {
+  const std::size_t before = asset.column_scales.size(), after = before + k;
+  asset.rank += k;
   asset.band_ends.push_back(asset.rank);
   asset.rest.resize(std::size_t{3} * asset.rank);
-  asset.column_scales.insert(asset.column_scales.end(), scales_.begin(), scales_.end());
+  asset.column_scales.resize(after);
+  std::vector<std::int16_t> wider(asset.rows_ready * after);
+  for (std::size_t row = 0; before > 0 && row < asset.rows_ready; ++row)
+    std::copy_n(&asset.integers[row * before], before, &wider[row * after]);
+  asset.integers = std::move(wider);
+}
+
+Result<void> ColumnsSection::widen(Asset& asset) const {
+  if (const auto able = check_columns(asset, count()); !able) return able;
+  add_columns(asset, count());
+  std::copy(scales_.begin(), scales_.end(), asset.column_scales.end() - count());
   return {};
 }
 
@@ -141,12 +151,8 @@ Result<Asset> with_columns(const Asset& asset, ByteView section, std::span<const
   assert(asset.complete() && !chunk_ends.empty() && chunk_ends.back() == asset.vertex_count);
   const auto parsed = ColumnsSection::parse(section, chunk_ends);
   if (!parsed) return parsed.error();
-  const std::size_t before = asset.column_scales.size(), after = before + parsed->count();
   Asset wider = asset;
   if (const auto able = parsed->widen(wider); !able) return able.error();
-  wider.integers.assign(asset.vertex_count * after, 0);
-  for (std::size_t row = 0; before > 0 && row < asset.vertex_count; ++row)
-    std::copy_n(&asset.integers[row * before], before, &wider.integers[row * after]);
   for (std::size_t chunk = 0; chunk < chunk_ends.size(); ++chunk) {
     if (const auto read = parsed->read_chunk(chunk, wider.map, wider); !read) return read.error();
   }

@@ -23,6 +23,10 @@ struct ColumnValues {
 /// Why an asset cannot have k columns more. Errors: kUnsupported (eight bands, detail), kTooLarge.
 Result<void> check_columns(const Asset& asset, std::size_t k);
 
+/// Makes room for k columns more, of zeros and scale 0 until they are written, as one band behind the others.
+/// REQUIRES: check_columns.
+void add_columns(Asset& asset, std::uint32_t k);
+
 /// The manifest that lists the columns, which is another asset's id, and they themselves.
 struct EncodedColumns {
   AssetObject manifest, section;
@@ -47,7 +51,7 @@ class ColumnsSection {
   static Result<ColumnsSection> parse(ByteView bytes, std::span<const std::uint32_t> chunk_ends);
 
   std::uint32_t count() const { return static_cast<std::uint32_t>(scales_.size()); }
-  /// The facts and scales of the asset with the columns, before its rows arrive. Errors: check_columns.
+  /// The asset with room for the columns, of zeros. Errors: check_columns.
   Result<void> widen(Asset& asset) const;
   /// Reads a chunk's rows into an asset that was widened, whose map has these rows and whose integers have room for
   /// them. Errors: kCorrupt.

@@ -54,6 +54,11 @@ class AssetReader {
   /// Takes them and, with them, all chunks from a reader that has them. Errors: likewise.
   /// REQUIRES: has_chunks_of(whole).
   Result<void> add_columns_to(const AssetReader& whole, ByteView bytes);
+  /// Makes room for columns that somebody else reads. REQUIRES: all chunks are there, check_columns.
+  Asset& widen(std::uint32_t columns) {
+    eigencast::add_columns(asset_, columns);
+    return asset_;
+  }
   /// Whether `other` has all chunks of this asset, and nothing else but them.
   bool has_chunks_of(const AssetReader& other) const;
   /// What the whole asset may take at most, in bytes: its arrays while they grow, the copies from which processor and

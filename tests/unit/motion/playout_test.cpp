@@ -377,11 +377,26 @@ TEST(Playout, PauseHoldsThePose) {
               2 * kMs);
 }
 
-TEST(Playout, PosesOfAnotherSizeReplaceAll) {
+TEST(Playout, ShorterPosesReplaceAll) {
   Playout playout = player(PlayoutMode::kInterpolate);
   playout.add({0, {1, 2, 3}}, 0);
   playout.add({kPlayoutInterval, {1, 2}}, kPlayoutInterval);
   EXPECT_EQ(playout.at(kPlayoutInterval)->coefficients.size(), 2U);
+}
+
+/// Of a stream that has learnt columns: those were zero.
+TEST(Playout, PosesBeforeLongerOnesAreZeroThere) {
+  Playout playout = player(PlayoutMode::kInterpolate, kPlayoutInterval);
+  playout.add(pose_at(kPlayoutZero), 0);
+  playout.add(pose_at(kPlayoutZero + kPlayoutInterval), kPlayoutInterval);
+  playout.at(kPlayoutInterval);
+  playout.add({kPlayoutZero + 2 * kPlayoutInterval, {0.08, 1.0}}, 2 * kPlayoutInterval);
+  const auto pose = playout.at(5 * kPlayoutInterval / 2);
+  ASSERT_TRUE(pose && pose->coefficients.size() == 2);
+  EXPECT_EQ(pose->shown, Shown::kInterpolated);
+  EXPECT_NEAR(pose->coefficients[0], 0.06, 1e-9);
+  EXPECT_GT(pose->coefficients[1], 0.2);
+  EXPECT_LT(pose->coefficients[1], 0.8);
 }
 
 TEST(Playout, QueueIsBoundedUnderHostileTimes) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-import { profileIn, type ConnectOptions, type Stream, type WatchOptions } from '../client/client.js';
+import type { ConnectOptions, Stream, WatchOptions } from '../client/client.js';
+import { profileIn } from '../client/query.js';
 import { surroundings } from '../client/environment.js';
 import { shared } from '../client/shared.js';
 import type { Status, Surface } from '../client/subscription.js';

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-import { SCHEMES } from '../core/frames.js';
 import { Core, EigencastError } from '../core/module.js';
 import type { Playing } from '../core/playout.js';
 import type { StreamInfo } from './control.js';
@@ -59,7 +58,6 @@ export interface StreamEvents {
 }
 
 const MAX_BYTES = 512 * 2 ** 20;
-const MAX_LISTED = 100_000;
 
 /** A stream that is watched until close(). */
 export class Stream extends Events<StreamEvents> {
@@ -210,14 +208,7 @@ export class Broker {
   }
   /** Announced streams that the caller may watch, by name. Throws EigencastError. */
   async streams(): Promise<ListedStream[]> {
-    const all: ListedStream[] = [];
-    for (let after = ''; all.length < MAX_LISTED;) {
-      const page = await this.#page(after);
-      for (const one of Array.isArray(page.streams) ? page.streams : []) all.push(listed(one));
-      if (typeof page.next !== 'string' || page.next <= after) break;
-      after = page.next;
-    }
-    return all;
+    return (await import('./list.js')).listedStreams(this.#url, this.#environment, { endpoint, remark });
   }
   /** A control message of rooms or groups; lost where there is no connection. */
   sendText(text: string): void {
@@ -241,20 +232,6 @@ export class Broker {
   #fail(message: string): void {
     for (const [key, stream] of this.#streams) stream.receive({ op: 'failed', key, code: 'internal', message });
   }
-  async #page(after: string): Promise<{ streams?: unknown; next?: unknown }> {
-    const url = endpoint(this.#url, '/v1/streams', after === '' ? '' : `after=${encodeURIComponent(after)}`, 'http');
-    let answer: Response;
-    try {
-      answer = await this.#environment.fetch(url, { cache: 'no-store' });
-    } catch {
-      throw new EigencastError('unreachable', `${this.#url.base} cannot be reached`);
-    }
-    const body: unknown = await answer.json().catch(() => ({}));
-    const fields = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
-    if (answer.ok) return fields;
-    const said = typeof fields['message'] === 'string' ? `: ${remark(fields['message'])}` : '';
-    throw new EigencastError(typeof fields['error'] === 'string' ? remark(fields['error']) : 'refused', `${this.#url.base} answered ${answer.status}${said}`);
-  }
 }
 
 function workerFailure({ message }: ErrorEvent): string {
@@ -269,16 +246,6 @@ function workerAt(url: URL): Worker {
   } finally {
     setTimeout(() => URL.revokeObjectURL(own), 60_000);
   }
-}
-
-function listed(one: unknown): ListedStream {
-  const fields = (typeof one === 'object' && one !== null ? one : {}) as Record<string, unknown>;
-  const text = (name: string): string => (typeof fields[name] === 'string' ? fields[name] : '');
-  const number = (name: string): number => (typeof fields[name] === 'number' ? fields[name] : 0);
-  return {
-    stream: text('stream'), state: text('state') as ListedStream['state'], asset: text('asset'), epoch: number('epoch'), keyRateHz: number('key_rate_hz'),
-    subscribers: number('subscribers'),
-  };
 }
 
 export async function compiled(core: string | URL | BufferSource | WebAssembly.Module, environment: Environment): Promise<WebAssembly.Module> {
@@ -299,31 +266,12 @@ export function connect(url: string, options: ConnectOptions = {}): Promise<Brok
 export async function watch(url: string, options: ConnectOptions & WatchOptions = {}): Promise<Stream> {
   const { broker: where, stream, query } = await locatedUrl(url, options.token, surroundings(options.environment));
   let watched!: Stream;
-  const broker = await Broker.make(where, { ...options, meanwhile: (made) => (watched = made.watch(stream, { ...options, profile: { ...profileIn(query), ...options.profile } })) });
+  const profile = { ...(await import('./query.js')).profileIn(query), ...options.profile };
+  const broker = await Broker.make(where, { ...options, meanwhile: (made) => (watched = made.watch(stream, { ...options, profile })) });
   const close = watched.close.bind(watched);
   watched.close = () => {
     close();
     broker.close();
   };
   return watched;
-}
-
-const CHOICES: Record<string, readonly string[]> = {
-  rate: ['raw', 'interpolated', 'estimated'], scheme: SCHEMES,
-};
-
-/** What a URL's query asks for. A broker's refusal of a WebSocket has no words in browsers, so it is checked here. */
-export function profileIn(query: URLSearchParams): Profile {
-  const profile: Record<string, string | number> = {};
-  const refuse = (why: string): never => {
-    throw new EigencastError('invalid-argument', `profile: ${why}`);
-  };
-  for (const [name, value] of query) {
-    const number = Number(value), isWhole = /^\d{1,2}$/.test(value), choices = Object.hasOwn(CHOICES, name) ? CHOICES[name] : undefined;
-    if (name === 'k' || name === 'bands') profile[name] = isWhole ? number : refuse(`${name} must be a whole number`);
-    else if (!choices) refuse(`unknown parameter '${name.slice(0, 32)}'; known: rate, k, scheme, bands`);
-    else if (name === 'rate' && isWhole) Object.assign(profile, number === 1 ? { rate: 'raw' } : { rate: 'interpolated', k: number });
-    else profile[name] = choices.includes(value) ? value : refuse(`${name} is '${value.slice(0, 32)}'; known: ${choices.join(', ')}`);
-  }
-  return profile as Profile;
 }

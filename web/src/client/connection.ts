@@ -104,7 +104,7 @@ export class BrokerConnection {
     const at = this.#streams.findIndex((stream) => stream.listener === listener);
     if (at < 0) return;
     const [stream] = this.#streams.splice(at, 1);
-    if (this.#openedUs !== undefined && stream!.askAgainAtUs === undefined) this.#send('unsubscribe', { stream: stream!.request.stream });
+    if (this.#openedUs !== undefined && stream!.askAgainAtUs === undefined) this.say('unsubscribe', { stream: stream!.request.stream });
     if (this.#streams.length === 0) this.close();
   }
   change(listener: Listener, profile: Profile): void {
@@ -126,7 +126,7 @@ export class BrokerConnection {
     if (this.#openedUs === undefined) return;
     if (!isPaused) return this.#subscribe(stream);
     stream.askAgainAtUs = undefined;
-    this.#send('unsubscribe', { stream: stream.request.stream });
+    this.say('unsubscribe', { stream: stream.request.stream });
   }
   /** A control message; lost where there is no connection. */
   sendText(text: string): void {
@@ -221,7 +221,7 @@ export class BrokerConnection {
     this.#clock.reset();  // It may be another broker.
     this.#lastAckUs = this.#lastPingUs = 0;
     const named = this.#find(this.#urlStream);
-    if (this.#urlStream !== '' && (!named || named.isPaused)) this.#send('unsubscribe', { stream: this.#urlStream });
+    if (this.#urlStream !== '' && (!named || named.isPaused)) this.say('unsubscribe', { stream: this.#urlStream });
     for (const stream of [...this.#streams]) {
       stream.id = stream.ack = stream.askAgainAtUs = undefined;
       stream.listener.onOpen();
@@ -255,7 +255,7 @@ export class BrokerConnection {
       case 'remember':
         return this.#find(message.stream)?.listener.onMemory(message);
       case 'ping':
-        return this.#send('pong', { id: message.id, time_us: message.time_us, peer_time_us: now });
+        return this.say('pong', { id: message.id, time_us: message.time_us, peer_time_us: now });
       case 'pong': {
         this.#clock.add(Number(message.time_us), message.peer_time_us, now);
         const clock = this.#clock.estimate;
@@ -303,7 +303,7 @@ export class BrokerConnection {
       return this.#end(this.#socket!, { code: 'timeout', message: `${this.#where} fell silent` });
     if (now - this.#lastPingUs < PING_INTERVAL_US) return;
     this.#lastPingUs = now;
-    this.#send('ping', { id: ++this.#pingId, time_us: now });
+    this.say('ping', { id: ++this.#pingId, time_us: now });
   }
 
   #acknowledge(now: number): void {
@@ -316,16 +316,16 @@ export class BrokerConnection {
       stream.generation = 0;
     }
     if (items.length > 0) this.#lastAckUs = now;
-    for (let i = 0; i < items.length; i += MAX_ACKS) this.#send('ack', { items: items.slice(i, i + MAX_ACKS), time_us: now });
+    for (let i = 0; i < items.length; i += MAX_ACKS) this.say('ack', { items: items.slice(i, i + MAX_ACKS), time_us: now });
   }
 
   #subscribe(stream: Stream): void {
     stream.askAgainAtUs = undefined;
     if (stream.isPaused) return;
-    this.#send('subscribe', { stream: stream.request.stream, profile: messageFrom(stream.request.profile), ...(stream.request.sync && { sync: stream.request.sync }) });
+    this.say('subscribe', { stream: stream.request.stream, profile: messageFrom(stream.request.profile), ...(stream.request.sync && { sync: stream.request.sync }) });
   }
-  /** A broker that does not read is let go. */
-  #send(op: string, fields: object): void {
+  /** Lost where there is no connection. A broker that does not read is let go. */
+  say(op: string, fields: object): void {
     const socket = this.#socket;
     if (!socket || this.#openedUs === undefined) return;
     if (socket.bufferedAmount > MAX_UNSENT_BYTES) return this.#end(socket, { code: 'timeout', message: `${this.#where} does not read` });

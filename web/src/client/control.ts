@@ -21,6 +21,8 @@ export interface StreamInfo {
   key_rate_hz?: number;
   /** 4 x 4 by columns: from the surface's coordinates to the scene's. */
   world?: number[];
+  /** What the stream changes over to. */
+  next?: { asset: string };
   /** What comes is of the past: the pose of capture time t is that of at_us + (t - capture_us) speed. */
   rewind?: { at_us: bigint; capture_us: bigint; speed: number };
 }
@@ -40,10 +42,6 @@ export interface Seek {
   /** 0, or 0.1 to 10. */
   speed?: number;
 }
-export interface Stage {
-  stage: string;
-  time_us: bigint;
-}
 /** Which poses keys may be predicted from: the first `kept` segments of before, then these, by their hashes. */
 export interface Remember {
   stream: string;
@@ -52,12 +50,10 @@ export interface Remember {
   segments: string[];
 }
 export type Message =
-  | { op: 'welcome'; version: string; session_id: string; time_us: bigint }
   | ({ op: 'stream' } & StreamInfo)
   | ({ op: 'remember' } & Remember)
   | { op: 'ping'; id: bigint; time_us: bigint }
   | { op: 'pong'; id: bigint; time_us: bigint; peer_time_us: bigint }
-  | { op: 'trace'; stream_id: number; epoch: number; sequence: bigint; step: number; stages: Stage[] }
   | { op: 'notice'; message: string; stream: string; frames_dropped: number }
   | { op: 'error'; code: string; message: string; stream: string }
   | { op: 'bye'; reason: string; retry_after_ms: number };
@@ -185,6 +181,11 @@ function profileOf(fields: Fields): Required<Profile> {
   };
 }
 
+export function assetOf(fields: Fields): string {
+  const asset = fields.text('asset');
+  return /^[0-9a-f]{64}$/.test(asset) ? asset : fields.wrong('asset', 'must be 64 lower-case hexadecimal digits');
+}
+
 function streamOf(fields: Fields): Message {
   const state = fields.word('state', STATES);
   const info: { op: 'stream' } & StreamInfo = {
@@ -193,10 +194,13 @@ function streamOf(fields: Fields): Message {
   };
   if (state !== 'waiting') {
     info.tag = fields.integer('tag', 0, 255);
-    info.asset = fields.text('asset');
-    if (!/^[0-9a-f]{64}$/.test(info.asset)) fields.wrong('asset', 'must be 64 lower-case hexadecimal digits');
+    info.asset = assetOf(fields);
     info.format = formatOf(fields.object('format'));
     info.key_rate_hz = fields.number('key_rate_hz', 0, 10_000, 0);
+  }
+  if (fields.has('next')) {
+    const next = fields.object('next');
+    if (next.has('asset')) info.next = { asset: assetOf(next) };
   }
   if (fields.has('rewind')) info.rewind = fields.json['rewind'] as NonNullable<StreamInfo['rewind']>;
   if (fields.has('world')) {
@@ -208,7 +212,6 @@ function streamOf(fields: Fields): Message {
 }
 
 export const READERS = {
-  welcome: (f: Fields) => ({ op: 'welcome' as const, version: f.text('version'), session_id: f.text('session_id'), time_us: f.time('time_us') }),
   stream: streamOf,
   remember: (f: Fields) => ({
     op: 'remember' as const, stream: f.text('stream'), generation: f.id('generation'), kept: f.integer('kept', 0, 256, 0),
@@ -216,13 +219,6 @@ export const READERS = {
   }),
   ping: (f: Fields) => ({ op: 'ping' as const, id: f.big('id'), time_us: f.time('time_us') }),
   pong: (f: Fields) => ({ op: 'pong' as const, id: f.big('id'), time_us: f.time('time_us'), peer_time_us: f.time('peer_time_us') }),
-  trace: (f: Fields) => ({
-    op: 'trace' as const, stream_id: f.id('stream_id'), epoch: f.integer('epoch', 0, 0xffffffff, 0), sequence: f.big('sequence'), step: f.integer('step', 0, 255, 0),
-    stages: f.array('stages', 0, 32).map((one) => {
-      const stage = fieldsOf(one, 'stages.');
-      return { stage: stage.text('stage'), time_us: stage.time('time_us') };
-    }),
-  }),
   notice: (f: Fields) => ({ op: 'notice' as const, message: f.text('message'), stream: f.text('stream', ''), frames_dropped: Number(f.big('frames_dropped', 0n, undefined, 0n)) }),
   error: (f: Fields) => ({ op: 'error' as const, code: f.text('code'), message: f.text('message'), stream: f.text('stream', '') }),
   bye: (f: Fields) => ({ op: 'bye' as const, reason: f.text('reason', ''), retry_after_ms: f.integer('retry_after_ms', 0, 0xffffffff, 0) }),

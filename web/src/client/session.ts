@@ -107,6 +107,7 @@ export class Session {
   #rebuild(watched: Watched, { coefficients, channels, level, rank, numbers, isTextured, pxPerUnit, points, room, trianglesVersion }: Rebuild): Rebuilt {
     const shown = watched.subscription.surfaces.shown;
     if (!shown?.reader) throw new EigencastError('not-found', 'nothing of the surface has arrived yet');
+    if (![shown.reader.rank, shown.before].includes(coefficients.length / channels)) throw new EigencastError('invalid-argument', 'the pose is of another surface');
     const started = this.#environment.nowUs();
     const taken = `${shown.reader.at} ${shown.asset} ${shown.isPrefix} ${shown.reader.next}`;
     if (taken !== watched.taken) {

@@ -57,6 +57,8 @@ export interface Surface {
   rest: Float64Array;
   /** Three a vertex that has arrived, sRGB; nothing: it has none. */
   colours: Uint8Array | undefined;
+  /** Poses go on from those of the epoch before. */
+  continues: boolean;
   /** Only the lowest band of the first vertices, for a first picture. */
   isPrefix: boolean;
   isComplete: boolean;
@@ -78,6 +80,7 @@ const NOTICE_US = 3_000_000, FIGURES_US = 500_000;
 export class Subscription implements Listener {
   readonly #environment: Environment;
   readonly #newMemory: (asset: string, over: AbortSignal) => Promise<MemoryFetcher>;
+  readonly #newFetcher: () => ObjectFetcher;
   readonly #connection: BrokerConnection;
   readonly #where: string;
   readonly #stream: string;
@@ -113,8 +116,9 @@ export class Subscription implements Listener {
     this.#stream = request.stream;
     this.#observer = observer;
     this.#frames = new Frames(core);
+    this.#newFetcher = () => new ObjectFetcher(environment, broker);
     // Loaded where a stream has a memory.
-    this.#newMemory = async (asset, over) => new (await import('./memory.js')).MemoryFetcher(core, () => new ObjectFetcher(environment, broker), this.#frames, asset, over, (held) => connection.hold(this, held));
+    this.#newMemory = async (asset, over) => new (await import('./memory.js')).MemoryFetcher(core, this.#newFetcher, this.#frames, asset, over, (held) => connection.hold(this, held));
     this.#trouble = `connecting to ${broker.base.replace(/^http/, 'ws')}`;
     this.surfaces = new SurfaceSource(core, environment, broker, request, () => this.#onSurface());
     try {
@@ -176,6 +180,8 @@ export class Subscription implements Listener {
     this.#notice = '';
     this.#observer.onInfo(info);
     if (this.surfaces.announce(info)) this.#held = undefined;
+    const { asset } = info.next ?? {};
+    if (asset) void import('./learnt.js').then(({ prepare }) => prepare(this.surfaces, asset, this.#newFetcher(), () => this.#connection.say('prepared', { stream: info.stream, asset })));
     this.#tell();
   }
   onMemory(memory: Remember): void {
@@ -235,7 +241,7 @@ export class Subscription implements Listener {
     const shown = this.surfaces.shown;
     if (shown?.reader) {
       this.#observer.onSurface({
-        epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
+        epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, continues: shown.continues, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
       });
     }
     if (shown?.isFinished && this.#imageOf !== shown) {
@@ -255,7 +261,7 @@ export class Subscription implements Listener {
     const reader = this.surfaces.shown?.reader;
     const rank = reader?.facts.rank ?? 0, size = rank * pose.channels;
     if (!reader || pose.channels < 3 || pose.coefficients.length < size) return;
-    // The band of learnt columns is left out.
+    // Without its columns the band that the stream has learnt is left out.
     const filled = <One extends { coefficients: Float64Array; bands: number }>(one: One): One =>
       ({ ...one, coefficients: reader.filled(one.coefficients.subarray(0, size), pose.channels, one.bands) });
     this.#observer.onPose({ ...filled(pose), bandEnds: pose.bandEnds.filter((end) => end <= rank), next: pose.next && filled(pose.next) });

@@ -29,10 +29,14 @@ export class Arriving {
   damage = '';
   readonly fetcher: ObjectFetcher;
 
-  /** Of what is the same to who sees it: learnt columns are not shown here. */
+  /** Of what is the same to who sees it, but for columns that its stream has learnt. */
   look: string;
+  /** Columns before its stream learnt more: poses of then are drawn, too. */
+  before = 0;
+  /** Its poses go on from those of the epoch before. */
+  continues = false;
 
-  constructor(readonly asset: string, public info: StreamInfo | undefined, environment: Environment, broker: BrokerUrl, readonly isPreview = false, private after?: Arriving) {
+  constructor(readonly asset: string, public info: StreamInfo | undefined, environment: Environment, broker: BrokerUrl, readonly isPreview = false, private after?: Arriving, private readonly ready?: (arriving: Arriving) => void) {
     this.look = asset;
     this.fetcher = new ObjectFetcher(environment, broker);
   }
@@ -55,13 +59,15 @@ export class Arriving {
     let whole: AssetReader | undefined;
     this.fetcher.onTrouble = grown;
     try {
+      if (this.ready) return this.ready(this), grown();
       const manifest = await this.fetcher.get({ id: this.asset, maxBytes: MAX_MANIFEST_BYTES }, (bytes) => core.sha256(bytes) === this.asset);
       if (!manifest || this.fetcher.isStopped) return;
       if (this.isPreview) return void (await this.#showPrefix(core, manifest, maxBytes, grown));
       whole = new AssetReader(core, this.asset, manifest, { maxBytes });
       const { after } = this;
       this.after = undefined;
-      if (after && whole.facts.rank !== this.info?.format?.rows && (await import('./learnt.js')).takeOver(this, after, whole)) return grown();
+      const learnt = whole.facts.hasColumns && (await import('./learnt.js'));
+      if (after && learnt && (await learnt.takeOver(this, after, whole, manifest))) return grown();
       this.totalBytes = manifest.length;
       for (let i = 0; i < whole.chunkCount; ++i) this.totalBytes += whole.chunk(i).bytes;
       this.checkFormat(whole.facts.rank);
@@ -71,8 +77,10 @@ export class Arriving {
         const { id, bytes } = whole.chunk(whole.next);
         const chunk = await this.fetcher.get({ id, maxBytes: bytes }, (got) => core.sha256(got) === id, whole.next === 0 ? prefix : undefined);
         await seen;
+        const columns = learnt && whole.next + 1 === whole.chunkCount && (await learnt.Columns.fetched(this, manifest));
         if (!chunk || this.fetcher.isStopped) return;
         whole.add(chunk);
+        if (columns) columns.read(whole)();
         if (this.reader !== whole) this.#show(whole, false);
         grown();
       }
@@ -131,16 +139,18 @@ export class Arriving {
 
 /** The surface that a viewer shows, and the one of a newer epoch that replaces it once it can be drawn: sdk/surfaces.h. */
 export class SurfaceSource {
-  readonly #core: Core;
+  readonly core: Core;
   readonly #environment: Environment;
   readonly #broker: BrokerUrl;
   readonly #limits: Limits;
   readonly #changed: () => void;
   shown: Arriving | undefined;
   pending: Arriving | undefined;
+  /** What is to come next: client/learnt.ts. */
+  next: { asset: string; fetcher: ObjectFetcher; take?: (arriving: Arriving) => void } | undefined;
 
   constructor(core: Core, environment: Environment, broker: BrokerUrl, limits: Limits, changed: () => void) {
-    this.#core = core;
+    this.core = core;
     this.#environment = environment;
     this.#broker = broker;
     this.#limits = limits;
@@ -148,6 +158,9 @@ export class SurfaceSource {
     if (limits.expects !== undefined) this.#begin(limits.expects);
   }
 
+  get maxBytes(): number {
+    return this.#limits.maxBytes;
+  }
   get latest(): Arriving | undefined {
     return this.pending ?? this.shown;
   }
@@ -156,6 +169,7 @@ export class SurfaceSource {
     if (info.state === 'waiting' || info.asset === undefined) return false;
     const adopt = (arriving: Arriving): void => {
       const isOther = arriving.info?.epoch !== info.epoch;
+      if (isOther) arriving.continues = false;
       arriving.info = info;
       if (!arriving.reader) return;
       arriving.checkFormat(arriving.reader.facts.rank);
@@ -183,12 +197,16 @@ export class SurfaceSource {
   end(): void {
     this.pending?.end();
     this.shown?.end();
-    this.pending = this.shown = undefined;
+    this.next?.fetcher.stop();
+    this.pending = this.shown = this.next = undefined;
   }
 
   #begin(asset: string, info?: StreamInfo): void {
-    const arriving = (this.pending = new Arriving(asset, info, this.#environment, this.#broker, this.#limits.isPreview, this.shown));
-    void arriving.run(this.#core, this.#limits.maxBytes, () => this.#grown(arriving));
+    const { next } = this;
+    next?.fetcher.stop();
+    this.next = undefined;
+    const arriving = (this.pending = new Arriving(asset, info, this.#environment, this.#broker, this.#limits.isPreview, this.shown, next?.asset === asset ? next.take : undefined));
+    void arriving.run(this.core, this.#limits.maxBytes, () => this.#grown(arriving));
   }
   #grown(arriving: Arriving): void {
     if (arriving === this.pending && arriving.reader && arriving.info) {

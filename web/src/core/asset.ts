@@ -28,6 +28,8 @@ export interface AssetFacts {
   origin: [number, number, number];
   hasDetail: boolean;
   hasSplats: boolean;
+  /** Its stream has learnt columns, which are fetched beside the chunks. */
+  hasColumns: boolean;
   /** Of the surface, or of its points' discs; surface units squared. */
   area: number;
 }
@@ -60,9 +62,6 @@ export class AssetReader {
     this.#freed = true;
   }
 
-  get memoryBytes(): number {
-    return this.core.exports.asset_memory_bytes(this.at);
-  }
   get chunkCount(): number {
     return this.core.exports.asset_chunk_count(this.at);
   }
@@ -98,15 +97,22 @@ export class AssetReader {
       vertexCount: word(0), rank: word(1), baseCount: word(2), faceTotal: word(3), rowsReady: word(4), facesReady: word(5),
       upAxis: UP_AXES[word(6)] ?? 'unknown', isLeftHanded: word(7) !== 0,
       bandEnds: Array.from({ length: word(8) }, (_, i) => word(9 + i)),
-      hasDetail: word(17) !== 0, hasSplats: word(18) !== 0, area: data.getFloat64(at + 176, true),
+      hasDetail: word(17) !== 0, hasSplats: word(18) !== 0, hasColumns: word(25) !== 0, area: data.getFloat64(at + 176, true),
       metresPerUnit: doubles[0]!, boxLow: vector(1), boxHigh: vector(4), origin: vector(7),
     };
   }
+  get rank(): number {
+    return this.core.data.getUint32(this.core.exports.asset_facts(this.at) + 88, true);
+  }
   /** rank x 3: copied. */
   get rest(): Float64Array {
-    const at = this.core.exports.asset_facts(this.at);
-    const rank = this.core.data.getUint32(at + 88, true);
+    const at = this.core.exports.asset_facts(this.at), { rank } = this;
     return this.core.doubles(this.core.data.getUint32(at + 80, true), 3 * rank).slice();
+  }
+  /** rowsReady: the row that each contracts to; a view, of use until the next call of the core. */
+  get map(): Uint32Array {
+    const at = this.core.exports.asset_facts(this.at), data = this.core.data;
+    return this.core.words(data.getUint32(at + 188, true), data.getUint32(at + 100, true));
   }
   /** rowsReady x 3, sRGB: copied; nothing: it has none. */
   get colours(): Uint8Array | undefined {

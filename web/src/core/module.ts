@@ -29,11 +29,11 @@ export interface Exports {
   playout_reset(playout: number): void;
   asset_open(id: number, manifest: number, size: number, bands: number, maxBytes: number): number;
   asset_free(asset: number): void;
-  asset_memory_bytes(asset: number): number;
   asset_chunk_count(asset: number): number;
   asset_chunk(asset: number, index: number): number;
   asset_add(asset: number, index: number, bytes: number, size: number): number;
   asset_facts(asset: number): number;
+  asset_widen(asset: number, columns: number): number;
   asset_fill(asset: number, coefficients: number, count: number, channels: number, bands: number): number;
   surface_make(): number;
   surface_free(surface: number): void;

@@ -9,7 +9,8 @@
  * Events: status (detail: Status), error (detail: EigencastError). Elements share one GL context, and those of one
  * broker one connection.
  */
-import { profileIn, type Stream } from '../client/client.js';
+import type { Stream } from '../client/client.js';
+import { profileIn } from '../client/query.js';
 import { surroundings } from '../client/environment.js';
 import { shared } from '../client/shared.js';
 import { locatedUrl } from '../client/url.js';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-import { connect, profileIn, type Broker, type Stream } from '../client/client.js';
+import { connect, type Broker, type Stream } from '../client/client.js';
 import { checkedName } from '../client/url.js';
 import { Playout } from '../core/playout.js';
 import { Stage } from '../view/stage.js';
@@ -16,7 +16,8 @@ async function open(): Promise<void> {
   if (place.query.has('file')) return location.replace(new URL(`show.html${location.search}`, import.meta.url));
   // Of the page, not of the stream.
   const compared = place.query.get('compare'), group = place.query.get('sync');
-  const profile = place.stream === '' ? {} : profileIn(new URLSearchParams([...place.query].filter(([name]) => !/^(compare|sync)$/.test(name))));
+  const asked = [...place.query].filter(([name]) => !/^(compare|sync)$/.test(name));
+  const profile = place.stream === '' || asked.length === 0 ? {} : (await import('../client/query.js')).profileIn(new URLSearchParams(asked));
   const synced = group === null ? undefined : await import('./sync.js'), sync = synced?.checkedGroup(group!);
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {

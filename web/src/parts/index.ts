@@ -7,8 +7,8 @@ import core from 'inline:eigencast-core.wasm';
 import levels from 'inline:eigencast-levels.wasm';
 import worker from 'inline:worker.js';
 import { defaults } from '../client/defaults.js';
+import { bytesFromBase64 } from '../core/base64.js';
 
-const bytesOf = (base64: string): Uint8Array<ArrayBuffer> => Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
-defaults.core = bytesOf(core);
-defaults.levels = bytesOf(levels);
+defaults.core = bytesFromBase64(core);
+defaults.levels = bytesFromBase64(levels);
 defaults.worker = URL.createObjectURL(new Blob([worker], { type: 'text/javascript' }));

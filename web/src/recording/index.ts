@@ -7,6 +7,7 @@ import core from 'inline:eigencast-core.wasm';
 import levels from 'inline:eigencast-levels.wasm';
 import worker from 'inline:player.js';
 import { defaults } from '../client/defaults.js';
+import { bytesFromBase64 } from '../core/base64.js';
 import { COMMANDS, type Command } from '../page/commands.js';
 import { icon, part } from '../page/parts.js';
 import { placeOf } from '../page/place.js';
@@ -18,14 +19,13 @@ import { openRecording } from './player.js';
 /** Of base64, whose text is decoded in pieces. */
 const PIECE = 1 << 20;
 
-const bytesOf = (base64: string): Uint8Array<ArrayBuffer> => Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
-defaults.core = bytesOf(core);
-defaults.levels = bytesOf(levels);
+defaults.core = bytesFromBase64(core);
+defaults.levels = bytesFromBase64(levels);
 defaults.worker = URL.createObjectURL(new Blob([worker], { type: 'text/javascript' }));
 
 function inside(): Blob | undefined {
   const said = document.getElementById('recording')?.textContent ?? '', text = said.startsWith('{') ? '' : said;
-  const pieces = Array.from({ length: Math.ceil(text.length / PIECE) }, (_, i) => bytesOf(text.slice(i * PIECE, (i + 1) * PIECE)));
+  const pieces = Array.from({ length: Math.ceil(text.length / PIECE) }, (_, i) => bytesFromBase64(text.slice(i * PIECE, (i + 1) * PIECE)));
   return pieces.length > 0 ? new Blob(pieces) : undefined;
 }
 

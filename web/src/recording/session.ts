@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 import { Frames } from '../core/frames.js';
 import { EigencastError, type Core } from '../core/module.js';
-import { formatOf, readControl, type Fields, type StreamInfo } from '../client/control.js';
+import { assetOf, formatOf, readControl, type Fields, type StreamInfo } from '../client/control.js';
 import type { Environment } from '../client/environment.js';
 import type { ToPage } from '../client/protocol.js';
 import { Session } from '../client/session.js';
@@ -26,10 +26,8 @@ const JITTER_US = 1_000_000;
 type Announce = Required<Pick<StreamInfo, 'asset' | 'format' | 'key_rate_hz'>> & { world?: number[]; op: 'announce' };
 const READERS = {
   announce: (f: Fields): Announce => {
-    const asset = f.text('asset');
-    if (!/^[0-9a-f]{64}$/.test(asset)) f.wrong('asset', 'must be 64 lower-case hexadecimal digits');
     return {
-      op: 'announce', asset, format: formatOf(f.object('format')), key_rate_hz: f.number('key_rate_hz', 0, 10_000, 0),
+      op: 'announce', asset: assetOf(f), format: formatOf(f.object('format')), key_rate_hz: f.number('key_rate_hz', 0, 10_000, 0),
       ...(f.has('world') ? { world: f.array('world', 16, 16).map(Number) } : {}),
     };
   },
@@ -160,7 +158,7 @@ export class RecordedStream {
     if (latest && latest.damage !== '') return this.#tell('refused', latest.damage);
     if (!shown?.reader || shown !== latest) return;
     this.#observer.onSurface({
-      epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
+      epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, continues: false, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
     });
     const image = shown.isFinished ? shown.reader.image : undefined;
     if (image) this.#observer.onImage(image);

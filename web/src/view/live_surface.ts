@@ -36,6 +36,8 @@ export class LiveSurface {
   #asset = '';
   #coefficients: Float64Array | undefined;
   #channels = 3;
+  /** Channels of poses that come. */
+  #comes = 3;
   #shownUs: bigint | undefined;
   #isSettling = false;
   #level = 0;
@@ -160,6 +162,7 @@ export class LiveSurface {
     this.newestMs = Date.now();
     if (pose.epoch !== this.#epoch) return;
     this.bands = pose.bands;
+    this.#comes = pose.channels;
     this.#playout.setBandEnds(pose.bandEnds);
     this.#playout.add(pose.captureUs, BigInt(pose.arrivalUs), pose.coefficients, pose.bands, pose.kind === 'estimate');
     if (pose.next) this.#playout.addNext(pose.next.captureUs, pose.next.coefficients, pose.next.bands);
@@ -170,8 +173,10 @@ export class LiveSurface {
       const isSame = surface.asset === this.#asset;
       this.#epoch = surface.epoch;
       this.#asset = surface.asset;
-      this.#playout.reset();
-      this.#shownUs = undefined;
+      if (!isSame || !surface.continues) {
+        this.#playout.reset();
+        this.#shownUs = undefined;
+      }
       if (!isSame) [this.#coefficients, this.box] = [undefined, undefined];
     }
     this.#surface = surface;
@@ -214,7 +219,7 @@ export class LiveSurface {
     this.#shownUs = pose.timeUs;
     if (isNew) ++this.posesShown;
     this.#coefficients = pose.coefficients.slice();
-    this.#channels = pose.coefficients.length / (this.#surface?.facts.rank ?? 1);
+    this.#channels = this.#comes;
     return true;
   }
   async #rebuild(level: number, pxPerUnit: number): Promise<void> {

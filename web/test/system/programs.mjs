@@ -79,6 +79,32 @@ export class Programs {
     sender.stdin.write(Buffer.from(Float32Array.from(points.flatMap(([x, y, z]) => [1.2 * x, y, z])).buffer));
     return sender;
   }
+  /** A live tube that sways, as its basis can, and folds, as a few columns that its stream learns can: tests/system/learn_test.py. */
+  tube(broker, name) {
+    const RINGS = 60, SIDES = 24, mesh = join(this.folder, `tube${++this.#names}.obj`), { cos, sin } = Math;
+    const pose = (number) => Float32Array.from({ length: 3 * RINGS * SIDES }, (_, i) => {
+      const t = 0.2 * number, vertex = Math.floor(i / 3), along = Math.floor(vertex / SIDES) / RINGS, around = (2 * Math.PI * (vertex % SIDES)) / SIDES;
+      const radius = 0.2 + 0.02 * (sin(t) * cos(150 * along) + cos(1.7 * t) * sin(120 * along));
+      return [along + 0.1 * sin(0.7 * t), radius * cos(around) + 0.2 * sin(3 * along + t), radius * sin(around)][i % 3];
+    });
+    const lines = Array.from({ length: RINGS * SIDES }, (_, v) => `v ${pose(0).subarray(3 * v, 3 * v + 3).join(' ')}`);
+    for (let ring = 0; ring + 1 < RINGS; ++ring) {
+      for (let side = 0; side < SIDES; ++side) {
+        const [a, b] = [ring * SIDES + side + 1, ring * SIDES + ((side + 1) % SIDES) + 1];
+        lines.push(`f ${a} ${a + SIDES} ${b + SIDES}`, `f ${a} ${b + SIDES} ${b}`);
+      }
+    }
+    writeFileSync(mesh, `${lines.join('\n')}\n`);
+    const to = `ws://127.0.0.1:${broker.port}/${name}`;
+    const sender = this.#spawn('eigencast-sender', ['pipe', '--mesh', mesh, '--rank', '40', '--rate', '30', '--learn', 'on', '--memory', 'off', '--wait', '--to', to], 'pipe');
+    let number = 0;
+    const feed = () => {
+      while (sender.stdin.write(Buffer.from(pose(number++).buffer)));
+    };
+    sender.stdin.on('drain', feed).on('error', () => {});
+    feed();
+    return sender;
+  }
   stop() {
     for (const child of this.#children) child.kill('SIGKILL');
     rmSync(this.folder, { recursive: true, force: true, maxRetries: 5 });

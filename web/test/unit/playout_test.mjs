@@ -55,6 +55,18 @@ test('PosesNotAfterTheNewestAreDropped', () => {
   playout.free();
 });
 
+test('PosesGoOnWhereTheirStreamHasLearntColumns', () => {
+  const playout = fed({ mode: 'interpolate', delayUs: 100_000 }, 4);
+  assert.equal(playout.at(400_000n).coefficients.length, 1);
+  assert.ok(playout.add(400_000n, 420_000n, [4, 8], 0xff, false));
+  const { coefficients, shown, timeUs } = playout.at(470_000n);
+  assert.deepEqual([shown, timeUs, coefficients.length], ['interpolated', 350_000n, 2]);
+  assert.ok(Math.abs(coefficients[0] - 3.5) < 0.05 && coefficients[1] > 2 && coefficients[1] < 6, `${coefficients}`);
+  assert.ok(playout.add(500_000n, 520_000n, [5], 0xff, false), 'a shorter one replaces them');
+  assert.deepEqual(Array.from(playout.at(620_000n).coefficients), [5]);
+  playout.free();
+});
+
 test('ALagIsKeptWhateverTheSettingsSay', () => {
   const playout = fed({ mode: 'interpolate', delayUs: 500_000 }, 5), unknown = -(2n ** 63n);
   assert.equal(new Playout(core).keepLag(unknown), unknown, 'no pose has come');
