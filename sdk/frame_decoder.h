@@ -39,7 +39,8 @@ class FrameDecoder {
   Result<void> remember(std::shared_ptr<const MemorySegment> segment);
 
   /// The pose to show, valid until the next call; null when there is none (another stream or epoch, no state yet, a key
-  /// sent ahead that shows none, a join of the very key that was shown last: a finer one is shown). Errors: kCorrupt and those of the codec; after a key the chain waits for a join.
+  /// sent ahead that shows none, a join of the very key that was shown last: a finer one is shown). Errors: kCorrupt and
+  /// those of the codec; after a key the chain waits for a join.
   Result<const Key*> decode(const FrameView& frame);
   /// The newest key if it was sent ahead and not taken yet: poses that lead up to it follow. Valid until decode().
   const Key* take_ahead() { return std::exchange(ahead_, false) && chain_ ? &chain_->newer : nullptr; }
@@ -71,7 +72,7 @@ class FrameDecoder {
   std::uint64_t newest_ = 0;  ///< Sequence of chain_->newer.
   TimeUs newest_capture_us_ = 0;
   bool ahead_ = false;
-  bool newest_shown_ = false;               ///< chain_->newer was given out as it is, not only poses that lead up to it.
+  bool newest_shown_ = false;  ///< chain_->newer was given out itself, not only poses that lead up to it.
   std::optional<std::uint64_t> last_seen_;  ///< Newest key of this epoch, also over restarts.
   Counts counts_;
 };

@@ -118,8 +118,8 @@ class Session {
     reader_.restart();
   }
 
-  /// Whatever came before, a join of a new key that is well made is shown, and one of an epoch that has a band more, to which a
-  /// stream changes over that has learnt columns; a late frame is not.
+  /// Whatever came before, a join of a new key that is well made is shown, and one of an epoch that has a band more, to
+  /// which a stream changes over that has learnt columns; a late frame is not.
   void end() {
     if (decoder_.layout().rows == 0 || epoch_ == 0) return;
     control::StreamInfo info;
