@@ -39,7 +39,7 @@ class FrameDecoder {
   Result<void> remember(std::shared_ptr<const MemorySegment> segment);
 
   /// The pose to show, valid until the next call; null when there is none (another stream or epoch, no state yet, a key
-  /// sent ahead that shows none, a join of the very key that was shown last: a finer one is shown). Errors: kCorrupt and
+  /// sent ahead that shows none, a join of the very key that was shown last: a finer one is shown). Errors: kCorrupt,
   /// those of the codec; after a key the chain waits for a join.
   Result<const Key*> decode(const FrameView& frame);
   /// The newest key if it was sent ahead and not taken yet: poses that lead up to it follow. Valid until decode().
