@@ -205,7 +205,8 @@ class BrokerMetrics {
     gauge("recording_stored_bytes", "All recordings on the disk.", totals.stored_bytes);
     const History& history = context_.history;
     const Recorder::Totals kept = history.kept ? history.kept->totals() : Recorder::Totals{};
-    counter("history_failed_total", "How often keeping a stream ended because of the disk; it is tried again.", kept.failed);
+    counter("history_failed_total", "How often the disk failed what is kept of a stream; it is tried again.",
+            kept.failed);
     counter("history_frames_dropped_total", "Frames left out because the disk was behind.", kept.dropped);
     gauge("history_stored_bytes", "All that is kept of streams.", kept.stored_bytes);
     gauge("history_viewers", "Viewers that see the past.", history.viewers.used());
