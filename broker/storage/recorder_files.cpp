@@ -149,6 +149,7 @@ std::vector<std::string> Recorder::streams_to_shorten(TimeUs now_us) const {
   };
   struct Holder {
     std::int64_t bytes = 0, names = 0;
+    bool has_more = false;  ///< Behind those below.
     std::priority_queue<First, std::vector<First>, std::greater<>> oldest;
   };
   std::map<std::string, Holder> holders;
@@ -175,7 +176,7 @@ std::vector<std::string> Recorder::streams_to_shorten(TimeUs now_us) const {
     }
   }
   const auto is_over = [&](const std::string& name, const Holder& holder) {
-    if (holder.oldest.empty()) return false;
+    if (holder.oldest.empty() && !holder.has_more) return false;
     if (stored >= max || names > settings_.max_kept_streams) return true;
     return !name.empty() && (holder.bytes >= share_of(max, stored, holder.bytes) ||
                              holder.names > share_of(settings_.max_kept_streams, names, holder.names));
@@ -185,15 +186,17 @@ std::vector<std::string> Recorder::streams_to_shorten(TimeUs now_us) const {
     for (auto& [name, holder] : holders) {
       if (!is_over(name, holder)) continue;
       const bool more = most == nullptr || std::tie(holder.bytes, holder.names) > std::tie(most->bytes, most->names);
-      const bool as_much = most != nullptr && holder.bytes == most->bytes && holder.names == most->names;
-      if (more || (as_much && most->oldest.top() > holder.oldest.top())) most = &holder;
+      const bool as_much = !more && std::tie(holder.bytes, holder.names) == std::tie(most->bytes, most->names);
+      const bool known = as_much && !most->oldest.empty() && !holder.oldest.empty();
+      if (more || (known && most->oldest.top() > holder.oldest.top())) most = &holder;
     }
-    if (most == nullptr) break;
+    if (most == nullptr || most->oldest.empty()) break;
     const First first = most->oldest.top();
     most->oldest.pop();
     gone.push_back(*first.stream);
     stored -= first.charged;
     most->bytes -= first.charged;
+    most->has_more = most->has_more || !first.only;
     if (!first.only) continue;
     --names;
     --most->names;
