@@ -13,6 +13,7 @@ import { build } from 'esbuild';
 import { existsSync, readFileSync, readdirSync, rmSync, writeFileSync } from 'node:fs';
 import { basename, join } from 'node:path';
 import { fileURLToPath } from 'node:url';
+import { deflateSync } from 'node:zlib';
 import { nativeShaders } from './shaders.mjs';
 
 const here = (path) => fileURLToPath(new URL(path, import.meta.url));
@@ -20,16 +21,27 @@ const isPackage = process.argv[2] === '--package';
 const outdir = process.argv[isPackage ? 3 : 2] ?? here('dist');
 const worker = { worker: here('src/worker/index.ts') };
 
-/** `inline:NAME`: the wasm of OUT in base64, or the worker in one file. */
-const inlined = {
+/**
+ * `inline:NAME`: the wasm of OUT, deflated, in base64, or the worker in one file. The columns' wasm in it is that of the
+ * script that holds it, so that a script has it once.
+ */
+const COLUMNS = 'eigencast-columns.wasm', PLACE = `{${COLUMNS}}`;
+const inlinedAs = (wasm) => ({
   name: 'inlined',
   setup(plugin) {
     plugin.onResolve({ filter: /^inline:/ }, ({ path }) => ({ path: path.slice('inline:'.length), namespace: 'inline' }));
-    plugin.onLoad({ filter: /\.wasm$/, namespace: 'inline' }, ({ path }) => ({ contents: readFileSync(join(outdir, path)), loader: 'base64' }));
-    for (const [filter, entryPoints, format = 'esm'] of [[/^worker\.js$/, worker], [/^player\.js$/, { player: here('src/recording/worker.ts') }, 'iife']])
-      plugin.onLoad({ filter, namespace: 'inline' }, async () => ({ contents: (await build({ ...options, format, entryPoints, write: false })).outputFiles[0].text, loader: 'text' }));
+    plugin.onLoad({ filter: /\.wasm$/, namespace: 'inline' }, ({ path }) => wasm(path));
+    for (const [filter, entryPoints, format = 'esm'] of [[/^worker\.js$/, worker], [/^player\.js$/, { player: here('src/recording/worker.ts') }, 'iife']]) {
+      plugin.onLoad({ filter, namespace: 'inline' }, async () => {
+        const plugins = [nativeShaders, inlinedAs(() => ({ contents: PLACE, loader: 'text' }))];
+        const [{ text }] = (await build({ ...options, plugins, format, entryPoints, write: false })).outputFiles;
+        if (text.split(PLACE).length !== 2) throw new Error(`${entryPoints}: not one place for ${COLUMNS}`);
+        return { contents: `import wasm from 'inline:${COLUMNS}'; export default ${JSON.stringify(text)}.replace('${PLACE}', wasm);` };
+      });
+    }
   },
-};
+});
+const inlined = inlinedAs((path) => ({ contents: deflateSync(readFileSync(join(outdir, path)), { level: 9 }), loader: 'base64' }));
 const options = {
   outdir,
   bundle: true,
@@ -56,7 +68,7 @@ const fewFiles = {
   name: 'few-files',
   setup(plugin) {
     plugin.onResolve({ filter: /\/(matrix|module)\.js$/ }, ({ path, importer, resolveDir }) =>
-      /\/(controls|learnt|memory|pick|room|sync)\.ts$/.test(importer) ? { path: join(resolveDir, path).replace(/js$/, 'ts'), suffix: '?later' } : undefined);
+      /\/(controls|learnt|list|memory|pick|query|room|sync)\.ts$/.test(importer) ? { path: join(resolveDir, path).replace(/js$/, 'ts'), suffix: '?later' } : undefined);
     // The page's session is in its worker.
     plugin.onResolve({ filter: /\/session\.js$/ }, ({ kind }) => (kind === 'dynamic-import' ? { path: './worker.js', external: true } : undefined));
   },

@@ -248,7 +248,8 @@ function workerAt(url: URL): Worker {
   }
 }
 
-export async function compiled(core: string | URL | BufferSource | WebAssembly.Module, environment: Environment): Promise<WebAssembly.Module> {
+export async function compiled(given: (typeof defaults)['core'], environment: Environment): Promise<WebAssembly.Module> {
+  const core = await given;
   if (core instanceof WebAssembly.Module) return core;
   if (typeof core !== 'string' && !(core instanceof URL)) return WebAssembly.compile(core);
   const answer = await environment.fetch(String(core));

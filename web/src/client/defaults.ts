@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 import type { ConnectOptions } from './client.js';
 
-type Module = NonNullable<ConnectOptions['core']>;
+type Module = NonNullable<ConnectOptions['core']> | Promise<BufferSource>;
 
 /** What the package loads besides its scripts, from beside them; eigencast/parts puts it inside. */
 export const defaults: { core: Module; writer: Module; levels: Module; worker: URL | string } = {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 import wasm from 'inline:eigencast-columns.wasm';
 import type { AssetReader } from '../core/asset.js';
-import { bytesFromBase64 } from '../core/base64.js';
+import { inflated } from '../core/base64.js';
 import { Core, hexFrom } from '../core/module.js';
 import type { ObjectFetcher } from './objects.js';
 import type { Arriving, SurfaceSource } from './surface_source.js';
@@ -31,7 +31,7 @@ export class Columns {
   }
   /** Nothing: it was stopped. Throws EigencastError (not-found: the manifest lists none). */
   static async fetched(arriving: Pick<Arriving, 'fetcher' | 'totalBytes'>, manifest: Uint8Array): Promise<Columns | undefined> {
-    const core = await Core.make(await (compiling ??= WebAssembly.compile(bytesFromBase64(wasm))));
+    const core = await Core.make(await (compiling ??= inflated(wasm).then((bytes) => WebAssembly.compile(bytes))));
     const columns = new Columns(core, manifest), section = columns.#exports.columns_section(columns.#at);
     const id = hexFrom(core.bytes(section, 32)), [maxBytes = 0] = core.words(section + 32, 1);
     arriving.totalBytes += maxBytes;

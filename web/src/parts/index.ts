@@ -7,8 +7,8 @@ import core from 'inline:eigencast-core.wasm';
 import levels from 'inline:eigencast-levels.wasm';
 import worker from 'inline:worker.js';
 import { defaults } from '../client/defaults.js';
-import { bytesFromBase64 } from '../core/base64.js';
+import { inflated } from '../core/base64.js';
 
-defaults.core = bytesFromBase64(core);
-defaults.levels = bytesFromBase64(levels);
+defaults.core = inflated(core);
+defaults.levels = inflated(levels);
 defaults.worker = URL.createObjectURL(new Blob([worker], { type: 'text/javascript' }));

@@ -207,7 +207,7 @@ export class Publisher extends Events<PublisherEvents> {
 /** A stream by its URL, such as https://host/lab/ball. Throws EigencastError (invalid-argument, not-found, ...). */
 export async function publish(url: string, { asset, error, scalars: wanted = [], keyRateHz = 30, token, core, writer, environment: given }: PublishOptions): Promise<Publisher> {
   const environment = surroundings(given), { broker, stream } = await locatedUrl(url, token, environment);
-  const load = async (module: NonNullable<ConnectOptions['core']>): Promise<Core> => Core.make(await compiled(module, environment));
+  const load = async (module: (typeof defaults)['core']): Promise<Core> => Core.make(await compiled(module, environment));
   const [reading, writing] = await Promise.all([load(core ?? defaults.core), load(writer ?? defaults.writer)]);
   const answer = await environment.fetch(endpoint(broker, `/v1/assets/${asset}`, '', 'http'));
   if (!answer.ok) throw new EigencastError(answer.status === 404 ? 'not-found' : 'refused', `asset ${asset}: ${broker.base} answered ${answer.status}`);

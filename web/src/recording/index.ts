@@ -7,7 +7,7 @@ import core from 'inline:eigencast-core.wasm';
 import levels from 'inline:eigencast-levels.wasm';
 import worker from 'inline:player.js';
 import { defaults } from '../client/defaults.js';
-import { bytesFromBase64 } from '../core/base64.js';
+import { bytesFromBase64, inflated } from '../core/base64.js';
 import { COMMANDS, type Command } from '../page/commands.js';
 import { icon, part } from '../page/parts.js';
 import { placeOf } from '../page/place.js';
@@ -19,8 +19,8 @@ import { openRecording } from './player.js';
 /** Of base64, whose text is decoded in pieces. */
 const PIECE = 1 << 20;
 
-defaults.core = bytesFromBase64(core);
-defaults.levels = bytesFromBase64(levels);
+defaults.core = inflated(core);
+defaults.levels = inflated(levels);
 defaults.worker = URL.createObjectURL(new Blob([worker], { type: 'text/javascript' }));
 
 function inside(): Blob | undefined {

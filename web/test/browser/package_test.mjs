@@ -110,7 +110,10 @@ test('TheArchiveHoldsThePackageAndNothingElse', () => {
 
 test('SizesAreThoseOfTheManual', () => {
   const most = { 'inline.js': 140_000, 'parts.js': 105_000, 'three.js': 3000, 'react.js': 1000, 'babylon.js': 2000 };
-  const sizes = Object.fromEntries(Object.keys(most).map((file) => [file, gzipSync(dist(file), { level: 9 }).length]));
+  const size = (file) => gzipSync(dist(file), { level: 9 }).length;
+  const sizes = Object.fromEntries(Object.keys(most).map((file) => [file, size(file)]));
+  // With what it brings: the others share theirs.
+  for (const [, chunk] of String(dist('parts.js')).matchAll(/from"\.\/(eigencast-\w+\.js)"/g)) sizes['parts.js'] += size(chunk);
   console.log(`compressed: ${JSON.stringify(sizes)}`);
   for (const [file, size] of Object.entries(sizes)) assert.ok(size <= most[file], `${file}: ${size} bytes`);
 });
