@@ -82,9 +82,10 @@ export async function takeOver(arriving: Arriving, shown: Arriving, whole: Asset
 /** Fetches the columns that a stream changes over to, says so, and lets its next epoch begin with them at once. */
 export async function prepare(surfaces: SurfaceSource, asset: string, fetcher: ObjectFetcher, say: () => void): Promise<void> {
   const { shown, core, maxBytes } = surfaces;
-  if (asset === surfaces.next?.asset || !shown?.isFinished) return;
+  if (asset === surfaces.next?.asset || !(shown?.isFinished || shown?.isPreview)) return;
   surfaces.next?.fetcher.stop();
   const coming: NonNullable<SurfaceSource['next']> = (surfaces.next = { asset, fetcher });
+  if (shown.isPreview) return say();  // A small picture takes no columns, and nobody has to wait for it.
   let whole: AssetReader | undefined;
   try {
     const manifest = await fetcher.get({ id: asset, maxBytes: MAX_MANIFEST_BYTES }, (bytes) => core.sha256(bytes) === asset);

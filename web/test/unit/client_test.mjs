@@ -414,6 +414,21 @@ test('AStreamThatChangesOverLosesNoPose', async () => {
   assert.equal(stream.surface.continues, false, 'another sender of the same surface');
 });
 
+test('ASmallPictureHoldsNoChangeOver', async () => {
+  const { id, sectionId, rank, format } = learnt();
+  const stream = broker.watch('lab/horse', { isPreview: true });
+  await until(() => fake.last);
+  fake.say(live());
+  await until(() => stream.surface);
+  for (let i = 0; i < 2; ++i) fake.say(live({ next: { asset: id } }));
+  await until(() => said(fake.last, 'prepared').length > 0);
+  fake.say(live({ epoch: 4, tag: 6, asset: id, format }));
+  fake.send(joinOf(format, 9, 9000, 9, { tag: 6 }));
+  await until(() => stream.pose?.epoch === 4);
+  assert.deepEqual(said(fake.last, 'prepared').map(({ asset }) => asset), [id], 'once');
+  assert.ok(stream.surface.facts.rank < rank && !fake.requests.some((one) => one.id === sectionId), 'without columns');
+});
+
 test('WhatIsPreparedAndDoesNotComeIsForgotten', async () => {
   const { id } = learnt();
   const stream = broker.watch('lab/horse');
