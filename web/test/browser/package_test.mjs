@@ -46,7 +46,7 @@ before(async () => {
   programs.cloud(broker, 'points');
   site = await startSite(1, { pages, hasPolicy: false });
   cdn = await startSite(1, { pages: { '/inline.js': String(dist('inline.js')) }, hasPolicy: false });
-  for (const name of ['three', 'react', 'babylon', 'inline']) pages[`/${name}.html`] = readFileSync(join(own, `${name}.html`), 'utf8');
+  for (const name of ['three', 'react', 'babylon']) pages[`/${name}.html`] = readFileSync(join(own, `${name}.html`), 'utf8');
   for (const name of readdirSync(join(own, 'built'))) pages[`/built/${name}`] = readFileSync(join(own, 'built', name), 'utf8');
   if (CHROMIUM) chromium = await startChromium();
 });
@@ -243,11 +243,26 @@ test('WhatTheManualSaysWorks', IN_BROWSER, async () => {
   }
 });
 
+const onInlinePage = (name) => readFileSync(join(own, 'inline.html'), 'utf8').replace('node_modules/eigencast/dist/', `${cdn.url}/`).replace('http://localhost:7490/demo', streamUrl(name));
+
 test('OneFileOfAnotherOriginIsEnough', IN_BROWSER, async () => {
-  pages['/inline.html'] = pages['/inline.html'].replace('node_modules/eigencast/dist/', `${cdn.url}/`).replace('http://localhost:7490/demo', streamUrl('still'));
+  pages['/inline.html'] = onInlinePage('still');
   await onPage('/inline.html', async (tab) => {
     await untilPixels(tab, 'inline', 3000, isClay);
     const loaded = await tab.evaluate("performance.getEntriesByType('resource').map(({ name }) => new URL(name).origin + ' ' + new URL(name).pathname)");
     assert.deepEqual(loaded.filter((one) => /\.(js|wasm|css)$/.test(one)), [`${cdn.url} /inline.js`]);
   });
+});
+
+test('OneFileShowsWhatAStreamLearns', IN_BROWSER, async () => {
+  pages['/learn.html'] = onInlinePage('tube');
+  const sender = programs.tube(broker, 'tube');
+  try {
+    await onPage('/learn.html', async (tab) => {
+      await tab.until("document.querySelector('eigencast-view').stream?.surface?.facts.rank > 40", LIMIT_MS);  // What it was baked with.
+      await untilPixels(tab, 'learn', 1000, isClay);
+    });
+  } finally {
+    await sender.stop();
+  }
 });
