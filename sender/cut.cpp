@@ -133,7 +133,20 @@ class Cutter {
     std::optional<KeyWriter> keys;
     Thinning thinning(rate_hz);
     std::uint8_t coarse = 0;  ///< As the sender coded the newest key.
-    TimeUs due_us = 0;
+    TimeUs due_us = 0, newest_us = 0;
+    bool is_again = false;  ///< The announcement came again since the newest pose.
+    const auto begin = [&](TimeUs time_us) -> Result<void> {
+      add_asset(text, object_of);
+      if (const auto written = writer_.announce(time_us, text); !written) return written;
+      keys.emplace(stream->layout(), std::uint8_t{0}, std::nullopt);
+      keys->begin({});
+      const auto as_coarse = [&coarse, layout = stream->layout()](const ChainState& state, const Key& key, auto) {
+        return encode_key(layout, state, key, coarse);
+      };
+      keys->code_by(as_coarse, std::nullopt, false);
+      thinning = Thinning(rate_hz);
+      return {};
+    };
     for (;;) {
       auto event = stream->next();
       if (!event) return event.error();
@@ -142,20 +155,18 @@ class Cutter {
       if (auto* announce = std::get_if<control::Announce>(&(**event).what)) {
         if (announce->key_rate_hz > 0) announce->key_rate_hz = std::min(announce->key_rate_hz, rate_hz);
         std::string said = text_from_control(*announce);
-        if (said == std::exchange(text, said)) continue;  // It comes again for another memory.
-        add_asset(text, object_of);
-        if (const auto written = writer_.announce(time_us, text); !written) return written;
-        keys.emplace(stream->layout(), std::uint8_t{0}, std::nullopt);
-        keys->begin({});
-        const auto as_coarse = [&coarse, layout = stream->layout()](const ChainState& state, const Key& key, auto) {
-          return encode_key(layout, state, key, coarse);
-        };
-        keys->code_by(as_coarse, std::nullopt, false);
-        thinning = Thinning(rate_hz);
+        is_again = said == std::exchange(text, said);  // Of another memory, or of a recording joined here.
+        if (is_again) continue;
+        if (const auto begun = begin(time_us); !begun) return begun;
       }
       auto* pose = std::get_if<RecordedPose>(&(**event).what);
       if (pose != nullptr && !pose->coded.empty()) coarse = half_spacing_of(pose->coded);
-      if (pose == nullptr || !keys || !thinning.keeps(pose->capture_us)) continue;
+      if (pose == nullptr || !keys) continue;
+      const bool is_older = pose->capture_us < std::exchange(newest_us, pose->capture_us);
+      if (std::exchange(is_again, false) && is_older) {
+        if (const auto begun = begin(time_us); !begun) return begun;
+      }
+      if (!thinning.keeps(pose->capture_us)) continue;
       if (!keys->may_follow(pose->capture_us)) continue;
       if (!first_us) first_us = (**event).time_us;
       auto coded = keys->code(std::move(pose->key), pose->capture_us);

@@ -297,6 +297,13 @@ TEST_F(RecordedBalls, AreThinnedAtTheTimesNearestToTheRate) {
   EXPECT_EQ(poses_of(same, baked_), poses_of(a, baked_)) << "no pose comes twice";
 }
 
+TEST_F(RecordedBalls, AreThinnedBeyondWhereTheyWereJoined) {
+  const std::string a = record("a.ecrec", 50), joined = folder_.file("joined.ecrec"), to = folder_.file("to.ecrec");
+  ASSERT_TRUE(cut_recordings({a, a}, 0, 0, 0, joined));
+  ASSERT_TRUE(cut_recordings({joined}, 0, 0, 100, to));
+  EXPECT_EQ(poses_of(to, baked_), poses_of(joined, baked_)) << "capture times begin again there";
+}
+
 TEST_F(RecordedBalls, PosesThatStayAreCodedAsCoarselyAndTakeLess) {
   const auto clip = parabolic(60);
   BakeOptions options;
