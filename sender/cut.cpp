@@ -214,7 +214,7 @@ class Cutter {
 Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double from_s, double duration_s, double rate_hz,
                                 const std::string& to, const std::function<Result<Bytes>(const Sha256&)>& missing) {
   std::error_code ignored;
-  if (fs::exists(to, ignored)) return fail(ErrorCode::kRefused, to + ": is there already; name another file");
+  if (fs::exists(to, ignored)) return fail(ErrorCode::kInvalidArgument, to + ": is there already; name another file");
   std::vector<recording::Reader> readers;
   for (const std::string& file : files) {
     auto reader = recording::Reader::open(file);

@@ -25,7 +25,7 @@ struct CutFacts {
 ///               its sender did, without a memory; 0: all, as they are coded
 ///   missing     gives objects of surfaces that the recordings do not hold; null: they stay out
 /// The file gets its name when it is whole. Errors: those of recording::Reader and Writer; kInvalidArgument (the range
-/// holds no pose), kRefused (`to` is there already).
+/// holds no pose, or `to` is there already).
 Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double from_s, double duration_s, double rate_hz,
                                 const std::string& to, const std::function<Result<Bytes>(const Sha256&)>& missing = {});
 

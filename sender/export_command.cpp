@@ -29,9 +29,11 @@ bool is_page(const std::string& path) {
   return path.ends_with(".html");
 }
 
-/// A file that is removed at the end.
+/// What is being written, beside the file that it becomes; removed at the end.
 struct Scratch {
-  ~Scratch() {
+  explicit Scratch(const std::string& to) : path(to + ".part") { remove(); }
+  ~Scratch() { remove(); }
+  void remove() const {
     std::error_code ignored;
     std::filesystem::remove(path, ignored);
   }
@@ -60,6 +62,9 @@ Result<void> record(const ExportCommand& command, const std::string& to, const C
                                     });
     return cut ? Result<void>() : cut.error();
   }
+  std::error_code code;
+  if (std::filesystem::exists(to, code))
+    return fail(ErrorCode::kInvalidArgument, to + ": is there already; name another file");
   auto opened = open_at_rate(command);
   if (!opened) return opened.error();
   auto clip = part_of(*std::move(opened), part);
@@ -67,14 +72,18 @@ Result<void> record(const ExportCommand& command, const std::string& to, const C
   const auto source = bake_with_progress(command.source, console, interrupt, {*std::move(clip)});
   if (!source) return source.error();
   ProgressLine line(console.progress, stops_at(interrupt));
-  const auto recorded = record_clip(*source->clip, source->baked, to, std::ref(line));
+  const Scratch scratch(to);
+  const auto recorded = record_clip(*source->clip, source->baked, scratch.path, std::ref(line));
   line.finish();
-  return recorded;
+  if (!recorded) return recorded;
+  std::filesystem::rename(scratch.path, to, code);
+  if (code) return fail(ErrorCode::kIo, to + ": cannot be written: " + code.message());
+  return {};
 }
 
 Result<void> write_recording(const ExportCommand& command, const Console& console, Interrupt& interrupt) {
   if (!is_page(command.to)) return record(command, command.to, console, interrupt);
-  const Scratch scratch{command.to + ".ecrec"};
+  const Scratch scratch(command.to + ".ecrec");
   if (const auto recorded = record(command, scratch.path, console, interrupt); !recorded) return recorded;
   ProgressLine line(console.progress, stops_at(interrupt));
   const auto written =

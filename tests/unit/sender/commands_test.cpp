@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 
 #include "common/surface/formats/write.h"
 #include "sdk/contexts.h"
@@ -119,6 +120,25 @@ TEST_F(BeforeTheBake, ExportLeavesOtherFilesAlone) {
   EXPECT_EQ(run(command, Console{}, interrupt), kExitFailed) << "those of the first";
   command.force = true;
   EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
+}
+
+TEST_F(BeforeTheBake, ExportedRecordingsLeaveOtherFilesAlone) {
+  const std::string recording = file("show.html.ecrec", "of another");
+  auto command = of_sphere<ExportCommand>();
+  command.source.rank = 8;
+  command.to = folder_.file("show.html");
+  Interrupt interrupt;
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
+  command.to = recording;
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitFailed) << "no broker said no";
+  EXPECT_EQ(std::filesystem::file_size(recording), 10u);
+  std::ifstream page(folder_.file("show.html"));
+  const std::string text{std::istreambuf_iterator<char>(page), {}};
+  EXPECT_TRUE(text.find("RUNSRUNPUgo") != std::string::npos) << "ECRECOR in base 64";
+  std::size_t files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(recording).parent_path()))
+    files += entry.is_regular_file() ? 1 : 0;
+  EXPECT_EQ(files, 2u) << "nothing half written";
 }
 
 TEST(UnnamedTarget, IsTheInputsNameAtTheBrokerThatIsKnown) {
