@@ -355,7 +355,8 @@ Result<void> check_uses(const CLI::App& app) {
                !codec.empty() && codec != "quantised",
                "is for --codec quantised; the others keep their numbers' precision"},
               {{"--animation", "--sample-rate"}, kind && !is_scene, "is for glTF files"},
-              {{"--faces"}, kind && kind != FileKind::kArray, "is for .npy clips"}};
+              {{"--faces"}, kind && kind != FileKind::kArray, "is for .npy clips"},
+              {{"--targets"}, !text_of("--to").ends_with(".glb"), "is for .glb files"}};
   for (const auto& use : uses) {
     for (const char* name : use.options) {
       const CLI::Option* option = command->get_option_no_throw(name);

@@ -161,9 +161,11 @@ TEST(CommandLineOfTheSender, OptionsThatWouldDoNothingAreRefused) {
            {"deform", "heart", "--to", "ws://h/a", "--speed", "2"},
            {"play", "heart", "--to", "ws://h/a", "--codec", "float32", "--error", "1"},
            {"play", "a.obj", "--to", "ws://h/a", "--animation", "Run"},
-           {"export", "a.obj", "--to", "b.pc2", "--faces", "faces.npy"}})
+           {"export", "a.obj", "--to", "b.pc2", "--faces", "faces.npy"},
+           {"export", "a.obj", "--to", "b.pc2", "--targets", "5"}})
     EXPECT_EQ(status(words), kExitUsage) << words.back();
   EXPECT_EQ(status({"deform", "heart", "--to", "ws://h/a", "--script", "twist", "--once"}), kExitOk);
+  EXPECT_EQ(status({"export", "heart", "--to", "b.glb", "--targets", "5"}), kExitOk);
   EXPECT_EQ(status({"play", "heart"}), kExitOk) << "to this machine's broker";
   for (const char* command : {"play", "deform"}) {
     EXPECT_EQ(status({command, "heart", "--to", "ws://h/a", "--memory", "off"}), kExitOk) << command;
