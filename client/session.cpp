@@ -131,7 +131,12 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
   const bool sharpens = look_still(camera, now);
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
   const bool moved = room_ && room_->advance(camera, now);
-  if (room_) room_->share(rewind_, sources());
+  if (room_) {
+    room_->share(rewind_, sources());
+    const std::string& trouble = room_->state().trouble;
+    if (trouble != std::exchange(room_trouble_, trouble) && !trouble.empty())
+      log(log_, LogLevel::kWarning, "--room: " + trouble);
+  }
   const bool changed = scene_.advance(sources(), now) || sharpens || moved;
   frame_scene(camera);
   connections_.refresh(now);

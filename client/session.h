@@ -118,6 +118,7 @@ class Session final {
   SceneColours colours_;
   RewindDesk rewind_;
   std::unique_ptr<RoomDesk> room_;
+  std::string room_trouble_;  ///< As logged.
   float pixel_scale_;
   History history_;
   TimeUs last_latency_us_ = 0;   ///< From capture to picture.
