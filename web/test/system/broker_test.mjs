@@ -155,7 +155,7 @@ test('AGroupShowsOneMomentAsLateAsItsSlowest', async () => {
   try {
     await until(() => {
       const ourUs = Number(process.hrtime.bigint() / 1000n), [first, slow] = viewers.map(({ shownUs }) => Number(shownUs()));
-      const isNear = !hasNative || Math.abs(nativeMoment() - (first - ourUs)) < 10_000;
+      const isNear = !hasNative || Math.abs(nativeMoment() - (first - ourUs)) < 50_000; // A busy machine draws it late.
       return isNear && Math.abs(first - slow) < 10_000 && viewers[0].playing.delayUs > 0.9 * 1000 * LATE_MS;
     }, 'the same moment', 150_000);
   } finally {
