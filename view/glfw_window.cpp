@@ -17,6 +17,7 @@ namespace eigencast {
 namespace {
 
 constexpr double kDoubleClickS = 0.35;
+constexpr int kLargestPx = 1 << 15;  // Of a window that is gone GLFW says what its memory held.
 constexpr float kDoubleClickPx = 6;  // at 96 dpi
 
 std::string name_of_key(int key) {
@@ -241,13 +242,13 @@ double GlfwWindow::display_rate_hz() const {
 glm::ivec2 GlfwWindow::size() const {
   glm::ivec2 size{0};
   glfwGetWindowSize(window_, &size.x, &size.y);
-  return size;
+  return glm::clamp(size, 0, kLargestPx);
 }
 
 glm::ivec2 GlfwWindow::size_px() const {
   glm::ivec2 size{0};
   glfwGetFramebufferSize(window_, &size.x, &size.y);
-  return size;
+  return glm::clamp(size, 0, kLargestPx);
 }
 
 std::string GlfwWindow::clipboard() const {

@@ -304,7 +304,11 @@ void Overlay::begin_frame(int width_px, int height_px) {
     ImGui::GetIO().DisplaySize = {static_cast<float>(width_px), static_cast<float>(height_px)};
     ImGui::GetIO().DeltaTime = 1.0F / 60;
   }
-  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  // Of a window that is gone GLFW says what its memory held.
+  constexpr float kLargest = 1 << 15;
+  const ImVec2 said = ImGui::GetIO().DisplaySize;
+  const ImVec2 size{std::clamp(said.x, 0.0F, kLargest), std::clamp(said.y, 0.0F, kLargest)};
+  ImGui::GetIO().DisplaySize = size;
   use_scale(fitted(wanted_, size.x, size.y));
   ImGui::NewFrame();
 }
