@@ -289,6 +289,7 @@ void Connection::pay(TimeUs wait_us) {
       name() + ": read later, " +
           (wait_us > work_wait_us ? "it is over limits.control_messages_per_s"
                                   : grant_->label() + " is over work_us_per_s"));
+  on_paced(wait_us > work_wait_us ? "limits.control_messages_per_s" : "work_us_per_s");
   charge(kPauseUs);
   pause(std::max({wait_us, work_wait_us, kMinPauseUs}));
 }

@@ -60,6 +60,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   /// Called once, after the last read and write.
   virtual void on_closed() = 0;
   virtual void on_tick() {}
+  /// What it sends is read later, as it is over this limit.
+  virtual void on_paced(const std::string& /*limit*/) {}
   virtual void on_beat() {}
   /// Whether its messages take turns with those of all viewers.
   virtual bool takes_turns() const { return false; }

@@ -8,6 +8,7 @@
 #include "broker/access/resume_secret.h"
 #include "broker/relay/hub.h"
 #include "broker/storage/history.h"
+#include "broker/websocket/protocol.h"
 #include "common/wire/limits.h"
 
 namespace eigencast::broker {
@@ -16,7 +17,7 @@ namespace {
 /// Of a message about a room: what its making costs, of which those that get the same share a part only.
 constexpr double kNewsUs = 10, kNewsBytesPerUs = 50, kMomentUs = 1;
 constexpr double kWriteUs = 5, kWrittenBytesPerUs = 1'000;  // Which each has for itself.
-constexpr TimeUs kTellLagUs = 1'000, kNoteEveryUs = 100'000;
+constexpr TimeUs kTellLagUs = 1'000, kNoteEveryUs = 100'000, kTellPacedUs = 1'000'000;
 
 }  // namespace
 
@@ -451,6 +452,14 @@ void Subscriber::on_tick() {
     if (watched.stream->improve(*this)) context().hub.mark_dirty(*watched.stream);
   }
   schedule_write();
+}
+
+void Subscriber::on_paced(const std::string& limit) {
+  const TimeUs now_us = steady_now_us();
+  if (now_us < paced_told_us_ + kTellPacedUs) return;
+  paced_told_us_ = now_us;
+  const control::Notice notice{"", "what you send is read later: it is over " + limit + " of this broker", 0};
+  send_droppable(websocket::framed(websocket::Opcode::kText, text_from_control(notice)));
 }
 
 void Subscriber::step(Stream& stream, Ladder& ladder) {

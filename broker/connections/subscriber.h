@@ -53,6 +53,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   void on_binary(ByteView message) override;
   void on_closed() override;
   void on_tick() override;
+  void on_paced(const std::string& limit) override;
   void on_beat() override;
   bool takes_turns() const override { return true; }
   /// Short requests have long answers.
@@ -104,7 +105,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   std::size_t room_ = 0;                      ///< Of these the next one that is told.
   std::forward_list<std::shared_ptr<Rewind>> rewinds_;  ///< One of a stream; streams_ has what each watches.
   RateLimiter news_bytes_;
-  TimeUs news_due_us_ = 0, rooms_due_us_ = 0;
+  TimeUs news_due_us_ = 0, rooms_due_us_ = 0, paced_told_us_ = 0;
   std::uint64_t joins_counted_ = 0;
 };
 
