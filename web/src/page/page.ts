@@ -22,7 +22,7 @@ async function open(): Promise<void> {
   let stream: Stream | undefined;
   const watch = (broker: Broker): void => {
     if (place.stream === '') return;
-    // The broker names the surface in the page where anybody may see it; what a page has loaded its worker gets from the cache.
+    // The broker names the surface in the page where anybody may see it; Firefox gives its worker what the page has loaded; Chromium asks the broker again.
     const surface = document.querySelector<HTMLLinkElement>('[href*="v1/assets/"]')?.href;
     if (surface) void fetch(surface).catch(() => {});
     stream = broker.watch(checkedName(place.stream), { profile, expects: surface?.slice(-64), sync });
