@@ -391,9 +391,8 @@ TEST_F(HistoryTest, KeysOfAMemoryAreSeenWithoutIt) {
 
 TEST_F(HistoryTest, GoesOnOnceTheDiskTakesFilesAgain) {
   settings_.retry_us = 1;
-  start(kSecond);
-  std::filesystem::remove_all(settings_.folder);
   std::ofstream(settings_.folder) << "no folder";
+  start(kSecond);
   announce();
   ASSERT_TRUE(eventually([&] {
     send(1, 1000);
