@@ -42,10 +42,10 @@ const TROUBLES = {
 /** Live, and other pictures than before. */
 async function lives() {
   const print = "document.querySelector('canvas').getContext('2d').getImageData(0, 0, 480, 300).data.reduce((n, byte) => (31 * n + byte) | 0, 0)";
-  await tab.until(hasState('live'), 120_000);
+  await tab.until(hasState('live'), 300_000);
   await sleep(1000);  // Its colours have come back.
   const before = await tab.evaluate(print);
-  await tab.until(`${print} !== ${before}`, 60_000);
+  await tab.until(`${print} !== ${before}`, 300_000);
 }
 const heaps = [];
 let rounds = 0, toldMs = 0;
