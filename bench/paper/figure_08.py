@@ -38,11 +38,12 @@ def repeated_rows(options, rows):
     made = []
     for name, error in CLIPS.items():
         rest = positions_of(options.data / "animations" / name / "rest.obj")
-        with tempfile.NamedTemporaryFile(suffix=".json") as report:
+        with tempfile.TemporaryDirectory() as folder:
+            report = pathlib.Path(folder) / "report.json"
             subprocess.run([options.bin / "eigencast-sender", "--no-progress", "evaluate", clip_argument(options, name), "--rank", str(RANK), "--error",
                             str(error * np.linalg.norm(rest.max(0) - rest.min(0))), "--again", "--warp", "0.87", "--noise", "5e-4", "--learn", "4",
-                            "--json", report.name], check=True, stdout=subprocess.DEVNULL)
-            result = json.load(report)["results"][0]
+                            "--json", report], check=True, stdout=subprocess.DEVNULL)
+            result = json.loads(report.read_text())["results"][0]
         learnt, first = result["learn"], result["asset_bytes"]
         memory = result["again"]["memory_bytes"]
         for method, part, extra in (("second pass", "with_columns_and_memory", memory + learnt["side_bytes"]),
@@ -107,7 +108,7 @@ def draw(options, rows):
                         [float(row["kbit_per_s"]) for row in mine], width, label=method)
         axes.bar_label(bars, [f"{float(row['kbit_per_s']):,.0f}" for row in mine], fontsize=6, rotation=90, padding=2)
     axes.set_yscale("log")
-    axes.set_ylim(10, 2e6)
+    axes.set_ylim(1, 2e6)
     axes.set_xticks(range(len(clips)), [f"{c}\n{next(r['vertices'] for r in rows if r['clip'] == c)} vertices" for c in clips])
     axes.set_ylabel("kbit/s of one viewer, 30 poses/s, payload")
     axes.set_title(f"Figure 8: geometry on the grid whose error is no larger than that of the coefficients (r = {RANK})", fontsize=10)
