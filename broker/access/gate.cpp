@@ -32,6 +32,7 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
+constexpr double kTokenCheckUs = 200;  ///< A signature.
 constexpr double kWorkAtOnceS = 0.02;  ///< By default 5 ms: others wait no longer for each holder.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
@@ -373,15 +374,21 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
   const std::string address = rules->client_address(request).address.limit_key();
   const auto account = with_token ? addresses_.account(address, now_us) : nullptr;
   const TimeUs wait_us = account ? account->failures.wait_us(1, max / 60, max, now_us) : 0;
-  if (wait_us > 0) {
+  const Denial slowed{429, "too many failed tries to log in from this address: wait before the next",
+                      static_cast<int>(wait_us / 1'000'000 + 1)};
+  // A good token (of 256 bits, none is guessed) is let in beside others' wrong ones, as long as the address pays for both.
+  const auto work_us_per_s = static_cast<double>(rules->quota(false).work_us_per_s);
+  if (wait_us > 0 &&
+      !account->http_work.take(kTokenCheckUs, work_us_per_s, work_us_per_s * kWorkAtOnceS, now_us)) {
     ++denied_;
-    return Denial{429, "too many failed tries to log in from this address: wait before the next",
-                  static_cast<int>(wait_us / 1'000'000 + 1)};
+    return slowed;
   }
   auto found = rules->identify(request, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&found)) {
     ++denied_;
-    if (account && denied->failed_login) (void)account->failures.take(1, max / 60, max, now_us);
+    if (!account || !denied->failed_login) return std::move(*denied);
+    if (wait_us > 0) return slowed;
+    (void)account->failures.take(1, max / 60, max, now_us);
     return std::move(*denied);
   }
   return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), request.peer, rules, now_us));
