@@ -150,7 +150,7 @@ Broker::Broker(const Config& config, Security security, std::string version, Log
       member_(std::move(member)),
       disk_(kDiskThreads),
       loops_(config,
-             {disk_, past_, gate_, *assets_, recorder_, history_,
+             {disk_, commits_, past_, gate_, *assets_, recorder_, history_,
               member_ ? static_cast<Ownership&>(member_->backbone()) : alone_, member_ ? &member_->backbone() : nullptr,
               log, std::move(version), std::move(id)},
              taps()),
@@ -176,6 +176,7 @@ Broker::~Broker() {
   data_listener_.close();
   admin_listener_.close();
   disk_.join();
+  commits_.join();
   past_.join();
   background_.join();
 }
@@ -245,7 +246,7 @@ void Broker::reserve_epochs(std::uint32_t end) {
     return ready ? write_file_atomically(path, std::to_string(end) + "\n", true) : ready;
   };
   if (ticks_ == 0) return note_disk(write());  // Nobody is served yet.
-  asio::post(disk_, [this, write] { asio::post(loop(), [this, written = write()] { note_disk(written); }); });
+  disk_.post({}, [this, write] { asio::post(loop(), [this, written = write()] { note_disk(written); }); });
 }
 
 void Broker::note_disk(const Result<void>& written) {

@@ -12,6 +12,7 @@
 #include "broker/access/tls_context.h"
 #include "broker/backbone/member.h"
 #include "broker/config/config.h"
+#include "broker/context/disk_threads.h"
 #include "broker/loops/loops.h"
 #include "broker/operation/service_manager.h"
 #include "broker/relay/ownership.h"
@@ -80,10 +81,9 @@ class Broker {
   History history_;
   EpochSource epochs_;
   SoleOwnership alone_;
-  std::unique_ptr<Member> member_;   ///< Null: no backbone.
-  asio::thread_pool background_{1};  ///< Assets for other brokers, uses of assets: clients never wait for it.
-  asio::thread_pool disk_;
-  asio::thread_pool past_{1};  ///< Reads the history.
+  std::unique_ptr<Member> member_;           ///< Null: no backbone.
+  asio::thread_pool background_{1};          ///< Assets for other brokers, uses of assets: clients never wait for it.
+  DiskThreads disk_, commits_{1}, past_{1};  ///< As SharedContext's.
   Shares admin_connections_;
   Loops loops_;  // Pending handlers end with the loops and need the members above.
   Timer tick_;
@@ -91,7 +91,7 @@ class Broker {
   Timer watchdog_;
   int ticks_ = 0;
   Result<void> reserved_;  ///< Epochs, on the disk.
-  bool noting_ = false;  ///< background_ notes uses of assets.
+  bool noting_ = false;    ///< background_ notes uses of assets.
   Listener data_listener_;
   Listener admin_listener_;
   std::function<Result<Config>()> load_;

@@ -14,7 +14,6 @@
 
 namespace boost::asio {
 class io_context;
-class thread_pool;
 }  // namespace boost::asio
 
 namespace eigencast::broker {
@@ -22,12 +21,12 @@ namespace eigencast::broker {
 class AssetStore;
 class Backbone;
 class Connection;
+class DiskThreads;
 class FairReads;
 class Gate;
 struct History;
 class Hub;
 class Loops;
-class FairReads;
 class Moments;
 class LoopShare;
 class Ownership;
@@ -37,8 +36,9 @@ class Turn;
 
 /// What the event loops of a broker share; outlives them. Thread-safe unless said otherwise.
 struct SharedContext {
-  boost::asio::thread_pool& disk;  ///< Runs calls that block on the disk.
-  boost::asio::thread_pool& past;  ///< Reads the history: nothing else waits for that.
+  DiskThreads& disk;     ///< Runs calls that block on the disk.
+  DiskThreads& commits;  ///< Makes uploads durable: reads never wait for that.
+  DiskThreads& past;     ///< Reads the history: nothing else waits for that.
   Gate& gate;
   AssetStore& assets;
   Recorder& recorder;
@@ -55,10 +55,10 @@ struct Context : SharedContext {
   boost::asio::io_context& loop;  ///< Any thread may post to it.
   Config config;                  ///< As of the latest reload.
   Hub& hub;
-  Turn& turn;  ///< Writes at the end of each turn of the loop.
+  Turn& turn;            ///< Writes at the end of each turn of the loop.
   LoopShare& newcomers;  ///< Time for HTTP and TLS handshakes,
   LoopShare& viewers;    ///< and for what viewers ask for: crowds at many addresses have many budgets.
-  Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
+  Loops& loops;          ///< Belongs to the first loop, as senders, HTTP and the admin port do.
   std::atomic<std::uint64_t>& last_connection_id;  ///< All loops share it.
   FairReads& memory_reads;  ///< Memories of senders here and at other brokers. Of the first loop.
   FairReads& past_reads;    ///< The history, for viewers.

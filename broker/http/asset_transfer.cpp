@@ -41,16 +41,17 @@ class Download : public std::enable_shared_from_this<Download> {
 
   void start(const Sha256& id) {
     connection_->arm(context_.config.timeouts.transfer_ms);  // Replaces the head's timeout.
-    connection_->on_disk([&assets = context_.assets, id] { return assets.read(id); },
-                         [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
-                           if (object) return self->answer(id, std::move(*object));
-                           const bool missing = object.error().code == ErrorCode::kNotFound;
-                           if (!missing) {
-                             log(self->context_.log, LogLevel::kError, "download refused: " + object.error().message);
-                           }
-                           self->connection_->answer_error(
-                               missing ? HttpStatus::kNotFound : HttpStatus::kInternalServerError, object.error());
-                         });
+    connection_->on(
+        context_.disk, [&assets = context_.assets, id] { return assets.read(id); },
+        [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
+          if (object) return self->answer(id, std::move(*object));
+          const bool missing = object.error().code == ErrorCode::kNotFound;
+          if (!missing) {
+            log(self->context_.log, LogLevel::kError, "download refused: " + object.error().message);
+          }
+          self->connection_->answer_error(missing ? HttpStatus::kNotFound : HttpStatus::kInternalServerError,
+                                          object.error());
+        });
   }
 
  private:
@@ -103,14 +104,15 @@ class Download : public std::enable_shared_from_this<Download> {
     if (at_ == end_) return connection_->finish(connection_->can_keep_alive());
     if (grant_.has_expired(std::time(nullptr)) || grant_.is_void()) return connection_->close();
     chunk_.resize(std::min<std::uint64_t>(kChunkBytes, end_ - at_));
-    connection_->on_disk([this] { return read_at(object_->file.get(), at_, chunk_); },
-                         [self = shared_from_this()](const Result<std::size_t>& count) {
-                           if (!count) {  // The head is sent: only closing the connection signals the error.
-                             log(self->context_.log, LogLevel::kError, count.error().message);
-                             return self->connection_->close();
-                           }
-                           self->write_chunk(*count);
-                         });
+    connection_->on(
+        context_.disk, [this] { return read_at(object_->file.get(), at_, chunk_); },
+        [self = shared_from_this()](const Result<std::size_t>& count) {
+          if (!count) {  // The head is sent: only closing the connection signals the error.
+            log(self->context_.log, LogLevel::kError, count.error().message);
+            return self->connection_->close();
+          }
+          self->write_chunk(*count);
+        });
   }
 
   void write_chunk(std::size_t count) {
@@ -149,7 +151,8 @@ class Upload : public std::enable_shared_from_this<Upload> {
   void start(const Sha256& id) {
     watch();
     connection_->arm(context_.config.timeouts.transfer_ms);
-    connection_->on_disk(
+    connection_->on(
+        context_.disk,
         [&assets = context_.assets, id, holder = grant_.holder()] { return assets.begin_upload(id, holder); },
         [self = shared_from_this()](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
           if (!upload) return self->fail_with(upload.error());
@@ -220,21 +223,23 @@ class Upload : public std::enable_shared_from_this<Upload> {
   }
 
   void write(std::size_t count) {
-    connection_->on_disk([this, count] { return upload_->write(ByteView(chunk_.data(), count)); },
-                         [self = shared_from_this()](const Result<void>& written) {
-                           written ? self->read_body() : self->fail_with(written.error());
-                         });
+    connection_->on(
+        context_.disk, [this, count] { return upload_->write(ByteView(chunk_.data(), count)); },
+        [self = shared_from_this()](const Result<void>& written) {
+          written ? self->read_body() : self->fail_with(written.error());
+        });
   }
 
   void commit() {
     connection_->disarm();
-    connection_->on_disk([this] { return upload_->commit(); },
-                         [self = shared_from_this()](const Result<bool>& created) {
-                           if (!created) return self->fail_with(created.error());
-                           self->end();
-                           ++self->context_.counters.uploads;
-                           self->connection_->answer(*created ? HttpStatus::kCreated : HttpStatus::kOk, "{}\n");
-                         });
+    connection_->on(
+        context_.commits, [this] { return upload_->commit(); },
+        [self = shared_from_this()](const Result<bool>& created) {
+          if (!created) return self->fail_with(created.error());
+          self->end();
+          ++self->context_.counters.uploads;
+          self->connection_->answer(*created ? HttpStatus::kCreated : HttpStatus::kOk, "{}\n");
+        });
   }
 
   void refuse(const Denial& denial) {

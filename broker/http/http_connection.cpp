@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <boost/asio/write.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/buffer_body.hpp>
@@ -12,6 +11,8 @@
 #include <boost/beast/http/read.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <nlohmann/json.hpp>
+
+#include "broker/context/disk_threads.h"
 
 namespace eigencast::broker {
 namespace {
@@ -392,9 +393,9 @@ void HttpConnection::read_body(std::span<std::uint8_t> into, std::function<void(
                    });
 }
 
-void HttpConnection::do_on_disk(std::function<void()> work, std::function<void()> then) {
-  asio::post(context_.disk, [self = shared_from_this(), guard = asio::make_work_guard(context_.loop),
-                             work = std::move(work), then = std::move(then)]() mutable {
+void HttpConnection::do_on(DiskThreads& threads, std::function<void()> work, std::function<void()> then) {
+  threads.post(holder(), [self = shared_from_this(), guard = asio::make_work_guard(context_.loop),
+                          work = std::move(work), then = std::move(then)]() mutable {
     work();
     work = nullptr;
     asio::io_context& loop = self->context_.loop;

@@ -106,13 +106,14 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
   void close();
-  /// Runs `work`, which returns a Result, on the disk's threads, then `then` with it on the loop: no file access delays
+  /// Runs `work`, which returns a Result, on the disk's threads, in its holder's turns, then `then` with it on the loop: no file access delays
   /// a frame. Objects that must not end on the disk's threads belong into `then`. Both are copyable.
   template <typename Work, typename Then>
-  void on_disk(Work work, Then then) {
+  void on(DiskThreads& threads, Work work, Then then) {
     const auto outcome = std::make_shared<std::optional<decltype(work())>>();
-    do_on_disk([outcome, work = std::move(work)]() mutable { outcome->emplace(guarded(work)); },
-               [outcome, then = std::move(then)]() mutable { then(**outcome); });
+    do_on(
+        threads, [outcome, work = std::move(work)]() mutable { outcome->emplace(guarded(work)); },
+        [outcome, then = std::move(then)]() mutable { then(**outcome); });
   }
 
  protected:
@@ -130,6 +131,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Takes what a handshake or a read costs from its holder's budget; how long it must wait. Nothing: longer than
   /// most_us, and it was not taken.
   virtual std::optional<TimeUs> take_work(double /*us*/, TimeUs /*most_us*/) { return 0; }
+  virtual std::string holder() const { return {}; }  ///< Whose turns it takes.
   /// As LoopShare::take().
   virtual bool take_turn(double, TimeUs, std::function<void()>, LoopShare::Hold = {}) { return true; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
@@ -151,7 +153,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   bool names_one_host() const;
-  void do_on_disk(std::function<void()> work, std::function<void()> then);
+  void do_on(DiskThreads& threads, std::function<void()> work, std::function<void()> then);
   void read_head();
   void read_more_head();
   LoopShare::Supply hold_handshake();

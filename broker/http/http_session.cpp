@@ -25,7 +25,7 @@ namespace {
 constexpr std::size_t kMaxListed = 1000;
 /// Names and patterns compared in about the time that an ordinary request takes.
 constexpr double kNamesPerRequest = 100;
-constexpr double kHeadBytesPerUs = 40;  ///< Of '&' or ',' only, which cost most.
+constexpr double kHeadBytesPerUs = 40;                 ///< Of '&' or ',' only, which cost most.
 constexpr double kConnectionUs = 25, kRequestUs = 20;  ///< On one core of 2026.
 constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
 constexpr int kMaxRequestWaitS = 5;
@@ -70,10 +70,11 @@ class HttpSession final : public HttpConnection {
     return grant_->take_http_work(us, steady_now_us(), most_us);
   }
 
+  std::string holder() const override { return grant_->holder(); }
   bool take_turn(double us, TimeUs wait_us, std::function<void()> then, LoopShare::Hold hold) override {
     const bool is_free = grant_->is_proxy();
     if (is_free && (!hold || hold() == LoopShare::Supply::kHeld)) return true;
-    return context().newcomers.take(grant_->holder(), is_free ? 0 : us, wait_us, std::move(then), std::move(hold));
+    return context().newcomers.take(holder(), is_free ? 0 : us, wait_us, std::move(then), std::move(hold));
   }
 
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }

@@ -59,7 +59,8 @@ void find_file(HttpConnection& connection, std::string_view name, std::function<
   }
   if (!web.folder.empty()) {
     connection.arm(connection.context().config.timeouts.transfer_ms);
-    return connection.on_disk(
+    return connection.on(
+        connection.context().disk,
         [path = web.folder + "/" + std::string(name)] { return read_file(path, kMaxFileBytes); },
         [&connection, name = std::string(name), then = std::move(then)](const Result<std::string>& text) {
           if (!text) return answer_missing(connection, "web.folder has no such file");

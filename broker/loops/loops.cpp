@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "broker/connections/connection.h"
+#include "broker/context/disk_threads.h"
 #include "common/core/clock.h"
 
 namespace eigencast::broker {
@@ -88,9 +89,9 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
   context_.arm_beat = [this] { arm_beat(); };
 }
 
-FairReads Loop::reads_on(asio::thread_pool& threads) {
+FairReads Loop::reads_on(DiskThreads& threads) {
   return {[this, &threads](FairReads::Work work) {
-            asio::post(threads, [guard = asio::make_work_guard(io_), work = std::move(work)] { work(); });
+            threads.post({}, [guard = asio::make_work_guard(io_), work = std::move(work)] { work(); });
           },
           [this](FairReads::Work work) { asio::post(io_, std::move(work)); }};
 }

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "broker/context/context.h"
-#include "broker/relay/hub.h"
 #include "broker/relay/fair_reads.h"
+#include "broker/relay/hub.h"
 #include "broker/relay/mirror.h"
 #include "broker/relay/moments.h"
 #include "broker/relay/rooms.h"
@@ -51,7 +51,7 @@ class Loop {
   void arm_schedule();
 
  private:
-  FairReads reads_on(boost::asio::thread_pool& threads);
+  FairReads reads_on(DiskThreads& threads);
   void tick();
   void tick_some();
   void arm_beat();

@@ -426,8 +426,21 @@ Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, st
   }
   if (::rename(verified.c_str(), path.c_str()) != 0) return io_error("keeping asset " + id.hex(), errno);
   if (known != entries_.end()) erase(known);  // Its file was removed by others.
-  insert(id, {.size = size, .used_us = now_us, .touched_us = now_us, .holder = &holder});
+  insert(id, {.size = size, .used_us = now_us, .touched_us = now_us, .holder = &holder, .is_durable = false});
   return true;
+}
+
+bool AssetStore::is_durable(const Sha256& id) {
+  const std::lock_guard lock(mutex_);
+  const auto known = entries_.find(id);
+  if (known == entries_.end() || !known->second.is_durable || ::access(path_of(id).c_str(), F_OK) != 0) return false;
+  use(known->second, steady_now_us());
+  return true;
+}
+
+void AssetStore::note_durable(const Sha256& id) {
+  const std::lock_guard lock(mutex_);
+  if (const auto known = entries_.find(id); known != entries_.end()) known->second.is_durable = true;
 }
 
 std::string AssetStore::temporary_path() {
@@ -498,6 +511,7 @@ Result<bool> AssetStore::Upload::commit() {
     return fail(ErrorCode::kCorrupt,
                 "the body has SHA-256 " + actual.hex() + ", not " + expected_.hex() + ": nothing was kept");
   }
+  if (store_.is_durable(expected_)) return false;
   const std::string path = store_.path_of(expected_);
   const std::string folder = path.substr(0, path.rfind('/'));
   if (::mkdir(folder.c_str(), 0755) == 0) {
@@ -511,6 +525,7 @@ Result<bool> AssetStore::Upload::commit() {
   if (!admitted) return admitted;
   // Also if it existed: the other upload may not have synced yet.
   if (auto synced = sync_folder(folder); !synced) return synced.error();
+  store_.note_durable(expected_);
   return admitted;
 }
 

@@ -138,8 +138,9 @@ class AssetStore final : public StreamTap {
     TimeUs touched_us = 0;    ///< Last update of the file's times.
     TimeUs read_us = kNever;  ///< When note_uses() last did.
     Holder* holder = nullptr;
-    std::string user{};  ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
-    TimeUs user_us = 0;  ///< When that was found.
+    bool is_durable = true;  ///< Found at the start, or synced.
+    std::string user{};      ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
+    TimeUs user_us = 0;      ///< When that was found.
     std::list<Sha256>::iterator order{}, held{};  ///< In order_, and in the holder's.
   };
   struct Used {
@@ -175,6 +176,8 @@ class AssetStore final : public StreamTap {
   /// Counts bytes and an object, or takes them back; then a holder of nothing is forgotten. REQUIRES: mutex_.
   void charge(Holder& holder, std::int64_t bytes, int objects);
   void count(Holder& holder, std::int64_t bytes, int objects);  ///< The same without the totals.
+  bool is_durable(const Sha256& id);                            ///< A use of it.
+  void note_durable(const Sha256& id);
   void insert(const Sha256& id, Entry entry);  ///< As the one used last. REQUIRES: mutex_, and that it is charged.
   void erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry);  ///< REQUIRES: mutex_.
   /// Makes a verified file an object. False: it existed; counts as a use.

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <array>
-#include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <deque>
 #include <functional>
@@ -19,6 +18,7 @@
 #include <vector>
 
 #include "broker/connections/rewind.h"
+#include "broker/context/disk_threads.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/fair_reads.h"
 #include "broker/relay/ownership.h"
@@ -72,7 +72,8 @@ class ConnectionTest : public ::testing::Test {
     if (!loops_) {
       loops_ = std::make_unique<Loops>(
           config_,
-          SharedContext{disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "test", "session"},
+          SharedContext{
+              disk_, disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "test", "session"},
           std::vector<StreamTap*>{});
       loops_->first().begin();
     }
@@ -128,7 +129,7 @@ class ConnectionTest : public ::testing::Test {
                    *assets_,
                    {}};
   SoleOwnership ownership_{[]() -> Result<std::uint32_t> { return 1; }};
-  asio::thread_pool disk_{1};
+  DiskThreads disk_{1};
   std::unique_ptr<Loops> loops_;
   std::array<int, 2> ends_{-1, -1};  ///< Of the last connection.
   std::vector<int> peers_;
@@ -164,10 +165,25 @@ struct PastViewer final : Rewind::Viewer {
   std::shared_ptr<int> alive = std::make_shared<int>();
 };
 
+TEST(DiskThreadsTest, OneWhoAsksALotDoesNotKeepOthersWaiting) {
+  std::promise<void> begins;
+  std::string order;
+  {
+    DiskThreads threads(1);
+    threads.post("a", [go = begins.get_future().share()] { go.wait(); });
+    for (int i = 0; i < 100; ++i) threads.post("a", [&order] { order += 'a'; });
+    threads.post("b", [&order] { order += 'b'; });
+    begins.set_value();
+    threads.join();
+  }
+  EXPECT_EQ(order.size(), 101U);
+  EXPECT_LE(order.find('b'), 1U);
+}
+
 TEST_F(ConnectionTest, SeeksThatNobodyWaitsForAreNotReadAndWhatWasIsPaid) {
   Context& context = begin();
   std::promise<void> reads;
-  asio::post(disk_, [go = reads.get_future().share()] { go.wait(); });
+  disk_.post({}, [go = reads.get_future().share()] { go.wait(); });
   PastViewer viewer;
   std::vector<std::weak_ptr<Rewind>> sought;
   for (int i = 0; i < 200; ++i) {
