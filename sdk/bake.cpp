@@ -422,9 +422,9 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   const TimeUs start = steady_now_us();
   BakeResult result;
   if (!stages.at(0.01, "operator")) return cancelled("operator");
+  OrderToCome order_to_come(surface, poses, appearance);
   auto laplacian = build_laplacian(surface, {.delaunay = options.delaunay, .points = options.points_operator});
   if (!laplacian) return laplacian.error();
-  OrderToCome order_to_come(surface, poses, appearance);
   const auto normals = surface.is_point_cloud() ? oriented_normals(surface.positions) : std::vector<Vec3>();
   std::optional<PrefixOrder> order;
   const auto await_order = [&](double fraction) -> Result<void> {
