@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// build.mjs [OUT]: bundles into OUT (default: dist) what a broker serves: eigencast.js, view.js, element.js, publisher.js
-// and worker.js; the page: page.html, page.css and page.js; show.html, a page in one file that plays
+// build.mjs [OUT]: bundles into OUT (default: dist) what a broker serves: eigencast.js, view.js, element.js, publisher.js,
+// worker.js and player.js; the page: page.html, page.css and page.js; show.html, a page in one file that plays
 // recordings; and internals.js for tests. Types are checked by tsc.
 // build.mjs --package OUT: the package for npm, into the folder with its wasm: the same but the page, its worker in one
 // file, so that bundlers may take it elsewhere, adapters, and parts.js and inline.js, which hold worker and wasm.
@@ -69,8 +69,8 @@ const fewFiles = {
   setup(plugin) {
     plugin.onResolve({ filter: /\/(matrix|module)\.js$/ }, ({ path, importer, resolveDir }) =>
       /\/(controls|learnt|list|memory|pick|query|room|sync)\.ts$/.test(importer) ? { path: join(resolveDir, path).replace(/js$/, 'ts'), suffix: '?later' } : undefined);
-    // The page's session is in its worker.
-    plugin.onResolve({ filter: /\/session\.js$/ }, ({ kind }) => (kind === 'dynamic-import' ? { path: './worker.js', external: true } : undefined));
+    // The page's session is in its worker, that of a recording in a file of its own.
+    for (const [filter, path] of [[/\/session\.js$/, './worker.js'], [/\/recording\/worker\.js$/, './player.js']]) plugin.onResolve({ filter }, ({ kind }) => (kind === 'dynamic-import' ? { path, external: true } : undefined));
   },
 };
 for (const old of existsSync(outdir) ? readdirSync(outdir) : []) if (/^eigencast-\w{8}\.js$/.test(old)) rmSync(join(outdir, old));
@@ -83,7 +83,7 @@ if (isPackage) {
   await build({ ...options, entryPoints: { ...worker, ...entriesOf('inline') } });
 } else {
   const { metafile } = await build({ ...split, entryPoints: { page: here('src/page/page.ts'), ...worker }, plugins: [...options.plugins, fewFiles] });
-  await build({ ...options, entryPoints: { internals: here('src/internals.ts') } });
+  await build({ ...options, entryPoints: { internals: here('src/internals.ts'), player: here('src/recording/worker.ts') } });
   await build({ ...options, entryPoints: { page: here('src/page/page.css') } });
   // The worker takes what the page has fetched, too.
   const loaded = Object.entries(metafile.outputs).filter(([, { entryPoint }]) => /src\/(page\/page|worker\/index)\.ts$/.test(entryPoint));

@@ -178,7 +178,7 @@ export class Broker {
     }
     // It starts while the core is on its way.
     const given = options.worker ?? defaults.worker;
-    const worker = typeof given === 'string' || given instanceof URL ? workerAt(new URL(given, globalThis.location?.href)) : given;
+    const worker = typeof given === 'string' || given instanceof URL ? workerAt(given) : given;
     let failed = '';
     const broker = new Broker(url, environment, (message, transfer = []) => worker.postMessage(message, transfer), () => worker.terminate());
     worker.onmessage = ({ data }: MessageEvent<ToPage>) => broker.#receive(data);
@@ -234,11 +234,12 @@ export class Broker {
   }
 }
 
-function workerFailure({ message }: ErrorEvent): string {
+export function workerFailure({ message }: ErrorEvent): string {
   return message ? `the worker failed: ${message}` : 'the worker does not start: its script is missing, or worker-src of the page\'s policy forbids it';
 }
 /** Browsers start scripts of another origin, such as a CDN's, only by one of the page's own. */
-function workerAt(url: URL): Worker {
+export function workerAt(given: URL | string): Worker {
+  const url = new URL(given, globalThis.location?.href);
   if (url.origin === globalThis.location?.origin) return new Worker(url, { type: 'module' });
   const own = URL.createObjectURL(new Blob([`import ${JSON.stringify(url.href)}`], { type: 'text/javascript' }));
   try {

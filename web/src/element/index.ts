@@ -2,19 +2,23 @@
 /**
  * <eigencast-view src="https://host/lab/horse"></eigencast-view> for anybody's page: importing this file defines it.
  *
- * src      the stream's URL; its query says the profile. A token: property `token`
+ * src      the stream's URL; its query says the profile. A token: property `token`. Or that of a recording (.ecrec), which
+ *          plays again and again
  * colour   clay (default), own, textured, normals, movement, speed, channel:NAME
  * still    no camera controls
  * preview  the first, coarse part of the surface is enough
+ * Of recordings, as of <video>: play(), pause(), paused, currentTime, duration, playbackRate, loop.
  * Events: status (detail: Status), error (detail: EigencastError). Elements share one GL context, and those of one
  * broker one connection.
  */
-import type { Stream } from '../client/client.js';
+import { workerAt, type Stream } from '../client/client.js';
+import { defaults } from '../client/defaults.js';
 import { profileIn } from '../client/query.js';
 import { surroundings } from '../client/environment.js';
 import { shared } from '../client/shared.js';
 import { locatedUrl } from '../client/url.js';
 import { EigencastError } from '../core/module.js';
+import type { Player } from '../recording/player.js';
 import { Controls } from '../view/controls.js';
 import { Stage } from '../view/stage.js';
 import { colouringIn } from '../view/style.js';
@@ -36,6 +40,7 @@ export class EigencastView extends HTMLElement {
   readonly #canvas = document.createElement('canvas');
   readonly #said = document.createElement('p');
   #view: View | undefined;
+  #player: Player | undefined;
   #stop: (() => void) | undefined;
   #opened = 0;
 
@@ -66,6 +71,39 @@ export class EigencastView extends HTMLElement {
   get stream(): Stream | undefined {
     return this.#view?.live.stream;
   }
+  play(): void {
+    if (this.#player) this.#player.isPlaying = true;
+  }
+  pause(): void {
+    if (this.#player) this.#player.isPlaying = false;
+  }
+  get paused(): boolean {
+    return this.#player?.isPlaying === false;
+  }
+  /** Seconds since the recording began. */
+  get currentTime(): number {
+    return (this.#player?.positionUs ?? 0) / 1e6;
+  }
+  set currentTime(seconds: number) {
+    this.#player?.seek(1e6 * finite(seconds));
+  }
+  /** NaN before it is known; Infinity of a stream. */
+  get duration(): number {
+    return this.#player ? this.#player.durationUs / 1e6 : this.#view ? Infinity : NaN;
+  }
+  get playbackRate(): number {
+    return this.#player?.speed ?? 1;
+  }
+  /** 0.1 to 10 */
+  set playbackRate(speed: number) {
+    if (this.#player) this.#player.speed = Math.min(Math.max(finite(speed), 0.1), 10);
+  }
+  get loop(): boolean {
+    return this.#player?.isLooping ?? false;
+  }
+  set loop(is: boolean) {
+    if (this.#player) this.#player.isLooping = is;
+  }
 
   async #open(): Promise<void> {
     this.#close();
@@ -73,7 +111,18 @@ export class EigencastView extends HTMLElement {
     if (!src) return;
     let leave = (): void => {};
     try {
-      const { broker: where, stream: name, query } = await locatedUrl(new URL(src, document.baseURI).href, this.token, surroundings());
+      const url = new URL(src, document.baseURI);
+      if (url.pathname.endsWith('.ecrec')) {
+        const { openRecording } = await import('../recording/player.js');
+        if (mine !== this.#opened) return;
+        const { stream, player, module } = await openRecording(url.href, workerAt(defaults.worker));
+        leave = () => stream.close();
+        const drawn = await (stage ??= Stage.make(module));
+        if (mine !== this.#opened) return leave();
+        this.#player = player;
+        return this.#watch(drawn, stream, () => {});
+      }
+      const { broker: where, stream: name, query } = await locatedUrl(url.href, this.token, surroundings());
       if (mine !== this.#opened) return;
       const connection = shared(where, name);
       leave = connection.leave;
@@ -89,7 +138,10 @@ export class EigencastView extends HTMLElement {
     const view = (this.#view = new View(drawn, this.#canvas, stream)), controls = this.hasAttribute('still') ? undefined : new Controls(view);
     this.#canvas.tabIndex = controls ? 0 : -1;
     this.#canvas.onkeydown = (event) => {
-      if (!event.ctrlKey && !event.altKey && !event.metaKey && controls?.onKey(event)) event.preventDefault();
+      if (event.ctrlKey || event.altKey || event.metaKey) return;
+      const isPause = event.key === ' ' && this.#player;
+      if (isPause) this.#player!.isPlaying = this.paused;
+      if (isPause || controls?.onKey(event)) event.preventDefault();
     };
     this.#setColour();
     stream.on('status', (status) => {
@@ -108,7 +160,7 @@ export class EigencastView extends HTMLElement {
   #close(): void {
     ++this.#opened;
     this.#stop?.();
-    this.#stop = this.#view = undefined;
+    this.#stop = this.#view = this.#player = undefined;
   }
   #setColour(): void {
     this.#view?.setStyle({ colour: colouringIn(this.getAttribute('colour')) ?? 'clay' });
@@ -120,6 +172,11 @@ export class EigencastView extends HTMLElement {
     this.#say(error.message);
     this.dispatchEvent(new CustomEvent('error', { detail: error }));
   }
+}
+
+function finite(value: number): number {
+  if (Number.isFinite(value)) return value;
+  throw new TypeError(`a finite number is needed, not ${value}`);
 }
 
 customElements.define('eigencast-view', EigencastView);

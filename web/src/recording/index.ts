@@ -30,7 +30,7 @@ function inside(): Blob | undefined {
 }
 
 async function play(what: Blob | string): Promise<void> {
-  const { stream, player, module } = await openRecording(what), stage = await Stage.make(module);
+  const { stream, player, module } = await openRecording(what, new Worker(defaults.worker)), stage = await Stage.make(module);
   const address = new URL(location.href), folder = address.href.replace(/[^/]*([?#].*)?$/, '');
   const place = { ...placeOf(address, `${folder}v1/web/`), base: folder.slice(0, -1), stream: address.pathname.split('/').at(-1)!, token: '' };
   const keys: Command[] = [

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-import { compiled, Stream } from '../client/client.js';
+import { compiled, Stream, workerFailure } from '../client/client.js';
 import { defaults } from '../client/defaults.js';
 import { surroundings } from '../client/environment.js';
 import { poseBetween, type TimedPose } from '../core/curve.js';
@@ -150,19 +150,22 @@ export interface Opened {
   startedMs: number;
 }
 
-/** A recording as a stream and what plays it. Throws EigencastError. */
-export async function openRecording(what: Blob | string): Promise<Opened> {
-  const module = await compiled(defaults.core, surroundings()), worker = new Worker(defaults.worker);
+/** A recording, or its URL, as a stream and what plays it. The worker is its own. Throws EigencastError. */
+export async function openRecording(what: Blob | string, worker: Worker): Promise<Opened> {
+  const module = await compiled(defaults.core, surroundings());
   const post = (message: FromPlayer, transfer: Transferable[] = []): void => worker.postMessage(message, transfer);
   const opened = new Promise<ToPlayer & { op: 'opened' }>((resolve, reject) => {
-    worker.onerror = ({ message }) => reject(new EigencastError('internal', message || 'the worker does not start: the page\'s policy forbids it'));
+    worker.onerror = (event) => reject(new EigencastError('internal', workerFailure(event)));
     worker.onmessage = ({ data }: MessageEvent<ToPlayer>) => {
       if (data.op === 'opened') resolve(data);
       else if (data.op === 'failed') reject(new EigencastError(data.code, data.message));
     };
   });
   post({ op: 'open', what, module });
-  const { stream: name, durationUs, startedMs } = await opened;
+  const { stream: name, durationUs, startedMs } = await opened.catch((error: unknown) => {
+    worker.terminate();
+    throw error;
+  });
   const stream = new Stream(name, 1, post, () => worker.terminate());
   post({ op: 'watch', key: 1, stream: name, profile: {}, maxBytes: 2 ** 30 });
   const player = new Player(durationUs, (fromUs, untilUs, seek) => post({ op: 'read', fromUs, untilUs, seek }));

@@ -50,15 +50,18 @@ function sourceOfBlob(blob: Blob): Source {
 export async function sourceOf(what: Blob | string): Promise<Source> {
   if (typeof what !== 'string') return sourceOfBlob(what);
   const ask = async (from: number, end: number): Promise<Response> => {
-    const answer = await fetch(what, { headers: { Range: `bytes=${from}-${end - 1}` } }).catch(() => undefined);
+    const headers: HeadersInit = end < Infinity ? { Range: `bytes=${from}-${end - 1}` } : {};
+    const answer = await fetch(what, { headers }).catch(() => undefined);
     if (!answer) throw new EigencastError('unreachable', `${what} cannot be reached: no server answers, or its pages or this one's policy forbid it`);
     if (!answer.ok) throw new EigencastError(answer.status === 404 ? 'not-found' : 'refused', `${what}: the server answered ${answer.status}`);
     return answer;
   };
   const first = await ask(0, BLOCK_BYTES), size = Number(/\/(\d+)$/.exec(first.headers.get('Content-Range') ?? '')?.[1] ?? NaN);
   if (first.status !== 206 || !Number.isSafeInteger(size)) {
-    if (Number(first.headers.get('Content-Length') ?? 0) > MAX_WHOLE_BYTES) throw new EigencastError('too-large', `${what}: over 1 GiB, and its server gives no parts of it (Range)`);
-    return sourceOfBlob(await first.blob());
+    // Servers of other origins may hide of how much it is a part.
+    const whole = first.status === 206 ? await ask(0, Infinity) : first;
+    if (Number(whole.headers.get('Content-Length') ?? 0) > MAX_WHOLE_BYTES) throw new EigencastError('too-large', `${what}: over 1 GiB, and its server gives no parts of it (Range)`);
+    return sourceOfBlob(await whole.blob());
   }
   return { size, read: async (from, end) => new Uint8Array(await (await ask(from, end)).arrayBuffer()) };
 }

@@ -5,7 +5,7 @@ import { Core } from '../core/module.js';
 import { RecordingReader, sourceOf } from './reader.js';
 import { RecordedSession, type ToPlayer } from './session.js';
 
-// The worker of a page that plays a recording.
+// The worker of a page that plays a recording, and what such a page's worker becomes.
 
 export type FromPlayer = ToWorker | { op: 'open'; what: Blob | string; module: WebAssembly.Module } | { op: 'read'; fromUs: number; untilUs: number; seek: number };
 

@@ -1,21 +1,25 @@
 // SPDX-License-Identifier: MIT
 import { subscribeUrl, SUBPROTOCOL } from '../client/connection.js';
 import { surroundings, type Environment } from '../client/environment.js';
-import type { ToPage, ToWorker } from '../client/protocol.js';
+import type { ToPage } from '../client/protocol.js';
 import { Session } from '../client/session.js';
 import type { BrokerUrl } from '../client/url.js';
 import { Core } from '../core/module.js';
+import type { FromPlayer } from '../recording/worker.js';
 
-// The worker of a page: one broker's session, from its first message on. Its socket opens while the core is on its way.
+// The worker of a page: one broker's session, from its first message on, or a recording's. Its socket opens while the core
+// is on its way.
 
 const MAX_HEARD = 256;
 
-const port = globalThis as unknown as { onmessage: ((event: MessageEvent<ToWorker>) => void) | null; postMessage(message: ToPage, transfer: Transferable[]): void };
-const environment = surroundings(), waiting: ToWorker[] = [];
+const port = globalThis as unknown as { onmessage: ((event: Pick<MessageEvent<FromPlayer>, 'data'>) => void) | null; postMessage(message: ToPage, transfer: Transferable[]): void };
+const environment = surroundings(), waiting: Exclude<FromPlayer, { op: 'open' | 'read' }>[] = [];
 let broker: BrokerUrl | undefined, session: Promise<Session> | undefined;
 
 port.onmessage = ({ data }) => {
-  if (data.op === 'core') {
+  if (data.op === 'open' || data.op === 'read') {
+    void import('../recording/worker.js').then(() => port.onmessage!({ data }));  // It listens from now on.
+  } else if (data.op === 'core') {
     session = Core.make(data.module).then((core) => {
       const made = new Session(core, environment, broker!, (message, transfer) => port.postMessage(message, transfer));
       for (const message of waiting) made.receive(message);

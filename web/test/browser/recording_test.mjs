@@ -13,6 +13,7 @@ import { until } from '../unit/fake_broker.mjs';
 import { CHROMIUM, startChromium } from './chromium.mjs';
 import { FIREFOX, startFirefox } from './firefox.mjs';
 import { CLAY, PRINT } from './looks.mjs';
+import { startSite } from './site.mjs';
 
 if (!CHROMIUM) {
   console.log('no Chromium: deploy/install-packages.sh full');
@@ -86,25 +87,61 @@ test('APageInOneFilePlaysInFirefox', { skip: FIREFOX ? false : 'no Firefox, or n
   }
 });
 
-test('APlainServersRecordingPlaysByRange', async () => {
+/** Serves the recording by Range, and the page; headers: of parts of the recording. `use(url, ranges)` */
+async function withPlainServer(headers, use) {
   const size = readFileSync(recording).length, ranges = [];
   const server = createServer((request, response) => {
-    const [, from, to] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? '') ?? [];
+    const [, from = 0, to = size] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? '') ?? [];
     if (!/^[^?]*\.ecrec$/.test(request.url)) return createReadStream(page).pipe(response.writeHead(200, { 'content-type': 'text/html' }));
-    const end = Math.min(Number(to), size - 1);
+    const end = Math.min(Number(to), size - 1), range = request.headers.range ? { 'content-range': `bytes ${from}-${end}/${size}` } : {};
     ranges.push(end);
-    createReadStream(recording, { start: Number(from), end }).pipe(response.writeHead(206, { 'content-range': `bytes ${from}-${end}/${size}` }));
+    createReadStream(recording, { start: Number(from), end }).pipe(response.writeHead(request.headers.range ? 206 : 200, { ...range, ...headers }));
   });
   await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
   try {
-    // The page has one inside, too.
-    await check(chromium, `http://127.0.0.1:${server.address().port}/show.html?file=heart.ecrec`, 'range');
-    assert.ok(ranges.length > 0);
+    await use(`http://127.0.0.1:${server.address().port}`, ranges);
   } finally {
     server.close();
     server.closeAllConnections();
   }
-});
+}
+
+test('APlainServersRecordingPlaysByRange', () => withPlainServer({}, async (url, ranges) => {
+  // The page has one inside, too.
+  await check(chromium, `${url}/show.html?file=heart.ecrec`, 'range');
+  assert.ok(ranges.length > 0);
+}));
+
+// Other origins' servers say of how much a part is where they say so.
+for (const [name, more] of [['ByRange', { 'access-control-expose-headers': 'content-range' }], ['AsAWhole', {}]]) {
+  test(`AnElementPlaysARecording${name}`, () => withPlainServer({ 'access-control-allow-origin': '*', ...more }, async (url, ranges) => {
+    const html = `<!doctype html><html lang="en"><title>anybody's</title><script type="module" src="/v1/web/element.js"></script><body><eigencast-view src="${url}/heart.ecrec" style="width: 320px"></eigencast-view></body></html>`;
+    const site = await startSite(1, { pages: { '/': html }, hasPolicy: false }), tab = await chromium.tab(), element = "document.querySelector('eigencast-view')";
+    try {
+      await tab.size(640, 400);
+      await tab.open(`${site.url}/`);
+      await tab.until(`${CLAY} > 100 && ${element}.currentTime > 0.3`, 150_000);
+      assert.equal(ranges.length === 2 && ranges[1] === readFileSync(recording).length - 1, name === 'AsAWhole');
+      await tab.evaluate(`${element}.pause()`);
+      const seek = async (seconds) => {
+        const before = await tab.evaluate(PRINT);
+        await tab.evaluate(`void (${element}.currentTime = ${seconds})`);
+        await tab.until(`${PRINT} !== ${before}`);
+        assert.equal(await tab.evaluate(`${element}.currentTime`), seconds);
+      };
+      await seek(6.5);
+      assert.ok(await tab.evaluate(`${element}.paused && ${element}.duration > 7.5 && ${element}.duration < 9`));
+      await seek(1.25);
+      await tab.evaluate(`${element}.playbackRate = 4, ${element}.play()`);
+      await tab.until(`${element}.currentTime > 2`);
+      if (PICTURES) writeFileSync(join(PICTURES, `recording-element-${name}.png`), await tab.screenshot());
+      assert.deepEqual(tab.console, []);
+    } finally {
+      await tab.close();
+      await site.stop();
+    }
+  }));
+}
 
 test('ABrokersPageLeadsThere', async () => {
   const broker = await programs.broker(), tab = await chromium.tab();
