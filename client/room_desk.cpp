@@ -166,7 +166,8 @@ void RoomDesk::share(RewindDesk& rewind, std::span<PoseSource* const> sources) {
   const double speed = value["speed"].get<double>();
   const auto at_us = value["at_us"].get<std::uint64_t>();
   const bool is_good =
-      at_us <= static_cast<std::uint64_t>(limits::kMaxTimeUs) && speed >= 0 && speed <= limits::kMaxSpeed;
+      at_us <= static_cast<std::uint64_t>(limits::kMaxTimeUs) &&
+      (speed == 0 || (speed >= 1 / limits::kMaxSpeed && speed <= limits::kMaxSpeed));
   if (is_good) rewind.follow({static_cast<TimeUs>(at_us), speed});
 }
 
@@ -195,11 +196,14 @@ void RoomDesk::find_points() {
   }
 }
 
-std::vector<RoomDesk::Pin> RoomDesk::pins() const {
+std::vector<RoomDesk::Pin> RoomDesk::pins(std::span<PoseSource* const> sources) const {
   std::vector<Pin> all;
   for (const Said& said : points_) {
     const bool removable = state_.speaks && (said.member == state_.self || !state_.members.at(said.member).here);
-    if (said.is_pin) all.push_back({said.member, said.key, said.note, removable});
+    const bool is_shown = std::any_of(sources.begin(), sources.end(), [&](const PoseSource* source) {
+      return source->info() && source->info()->stream == said.point.stream;
+    });
+    if (said.is_pin && is_shown) all.push_back({said.member, said.key, said.note, removable});
   }
   return all;
 }

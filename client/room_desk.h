@@ -61,7 +61,8 @@ class RoomDesk final {
     std::string key, note;
     bool removable = false;  ///< By oneself.
   };
-  std::vector<Pin> pins() const;
+  /// Of what is shown.
+  std::vector<Pin> pins(std::span<PoseSource* const> sources) const;
   void remove(const Pin& pin);
 
   /// What is drawn over the picture, at a place of the scene.

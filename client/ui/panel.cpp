@@ -66,7 +66,7 @@ ImVec4 colour_of(const std::string& text) {
           1};
 }
 
-void draw_room(RoomDesk& room, ViewerState& view, float scale) {
+void draw_room(RoomDesk& room, std::span<PoseSource* const> sources, ViewerState& view, float scale) {
   const RoomState& state = room.state();
   const RoomState::Member* leader = state.holder_of("lead");
   if (!state.trouble.empty()) ImGui::TextWrapped("%s", state.trouble.c_str());
@@ -86,7 +86,7 @@ void draw_room(RoomDesk& room, ViewerState& view, float scale) {
     room.lead(!room.leads());
   ImGui::SetNextItemWidth(-1);
   ImGui::InputTextWithHint("##note", "a note; T pins it under the cursor", view.note.data(), view.note.size());
-  for (const RoomDesk::Pin& pin : room.pins()) {
+  for (const RoomDesk::Pin& pin : room.pins(sources)) {
     ImGui::PushID((std::to_string(pin.member) + pin.key).c_str());
     ImGui::TextColored(colour_of(state.members.at(pin.member).colour), "%s",
                        pin.note.empty() ? "(no note)" : pin.note.c_str());
@@ -249,7 +249,7 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings);
   const auto section = [](const char* name) { return ImGui::CollapsingHeader(name, ImGuiTreeNodeFlags_DefaultOpen); };
   if (section("Surfaces")) draw_surfaces(session, requests, to_open, scale);
-  if (session.room() != nullptr && section("Room")) draw_room(*session.room(), state, scale);
+  if (session.room() != nullptr && section("Room")) draw_room(*session.room(), session.sources(), state, scale);
   if (section("Style")) draw_style(session, state.style);
   if (section("Motion")) draw_motion(session, state);
   if (section("Detail")) draw_detail(session);

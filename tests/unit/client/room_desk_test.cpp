@@ -202,11 +202,15 @@ TEST_F(RoomDeskTest, PinsRideOnTheMotionAtEveryLevel) {
 }
 
 TEST_F(RoomDeskTest, OwnPinsAndThoseOfTheGoneCanBeRemoved) {
+  Asset asset = sphere_asset(1);
+  FakeSource source(asset);
+  PoseSource* const sources[] = {&source};
   const std::string pin = text_from_point({"demo", {0, 1, 2}, {1, 0, 0}}, "x");
   for (std::uint32_t id : {1U, 2U, 3U}) room_.state.members[id].values = {{"pin.1", pin}, {"camera", "[]"}};
   room_.state.members[3].here = false;
+  room_.state.members[2].values["pin.2"] = text_from_point({"another", {0, 1, 2}, {1, 0, 0}}, "of what is not shown");
   advance();
-  const auto pins = desk_.pins();
+  const auto pins = desk_.pins(sources);
   ASSERT_EQ(pins.size(), 3U);
   EXPECT_EQ(pins[0].removable, true);
   EXPECT_EQ(pins[1].removable, false) << "Bob is here";

@@ -225,7 +225,8 @@ export class RoomDesk {
     if (!leader || this.#leader === self || !this.follows || !this.#past.hasPast || text === this.#heardSeek) return;
     this.#heardSeek = text;
     const { at_us, speed } = Object(value) as Json;
-    this.#past.follow(typeof at_us === 'number' && typeof speed === 'number' && at_us >= 0 && speed >= 0 && speed <= MAX_SPEED ? { atUs: at_us, speed } : undefined);
+    const isGood = Number.isSafeInteger(at_us) && Number(at_us) >= 0 && typeof speed === 'number' && (speed === 0 || (speed >= 1 / MAX_SPEED && speed <= MAX_SPEED));
+    this.#past.follow(isGood ? { atUs: Number(at_us), speed } : undefined);
   }
   #tell(key: string, value: unknown, keep = false): void {
     const text = JSON.stringify(value), said = this.#said.get(key);
@@ -348,7 +349,7 @@ export class RoomDesk {
       if (member.here) people.append(row(member.colour, member.name + you + leads));
       for (const [key, value] of member.values) {
         const point = key.startsWith('pin.') ? pointFrom(value) : undefined;
-        if (!point) continue;
+        if (point?.stream !== this.#place.stream) continue;
         const remove = (): void => (id === state.self ? this.#tell(key, null, true) : this.#send('say', { values: { [key]: null }, member: id }));
         const button = state.speaks && (id === state.self || !member.here) ? [part('button', { type: 'button', 'aria-label': 'Remove', onclick: remove }, '\u00d7')] : [];
         pins.append(row(member.colour, point.note || '(no note)', ...button));
