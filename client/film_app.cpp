@@ -27,7 +27,7 @@ constexpr double kFullTurn = 6.283185307179586;
 class Film {
  public:
   Film(const ClientOptions& options, const std::atomic<bool>& stop, const LogSink& log)
-      : options_(options), stop_(stop), log_(log) {}
+      : options_(options), stop_(stop), log_(log), clips_(options.scene.streams.size()) {}
 
   Result<int> run() {
     const FilmOptions& film = *options_.film;
@@ -78,10 +78,20 @@ class Film {
 
   void play(std::size_t stream, std::shared_ptr<const BakedClip> clip, bool loops) {
     if (loops && clip->frames.size() > 1) longest_us_ = std::max(longest_us_, clip->period_us);
-    opened_[stream] = std::make_unique<ClipSource>(std::move(clip), 0, [this] { return film_us_; });
-    if (Timeline* timeline = opened_[stream]->timeline()) {
+    clips_[stream] = {std::move(clip), loops};
+  }
+
+  /// That show the clips from the film's beginning on.
+  void open_sources() {
+    film_us_ = 0;
+    sources_.clear();
+    for (std::size_t i = 0; i < clips_.size(); ++i) {
+      opened_[i] = std::make_unique<ClipSource>(clips_[i].clip, 0, [this] { return film_us_; });
+      sources_.push_back(opened_[i].get());
+      Timeline* timeline = opened_[i]->timeline();
+      if (timeline == nullptr) continue;
       timeline->set_interpolates(true);
-      timeline->set_looping(loops, 0);
+      timeline->set_looping(clips_[i].loops, 0);
     }
   }
 
@@ -145,10 +155,31 @@ class Film {
     const auto clock = FilmClock::create(seconds, options_.film->fps);
     if (!clock) return clock.error();
     clock_ = *clock;
-    for (const auto& source : opened_) sources_.push_back(source.get());
+    open_sources();
+    if (const auto found = find_range(); !found) return found;
     // "auto" measures, and two films would not be the same to the bit.
     const bool on_gpu = options_.reconstruct == RebuildOn::kGpu;
     return store(viewer_, OffscreenViewer::open(options_, on_gpu ? RebuildOn::kGpu : RebuildOn::kCpu, sources_, log_));
+  }
+
+  /// Of the numbers that colours show in all pictures, so that a colour means the same in each.
+  Result<void> find_range() {
+    if (options_.style.colour_range || !shows_numbers(options_.style.colour)) return {};
+    const auto session = Session::create(options_, sources_, {});
+    if (!session) return session.error();
+    ProgressLine line = progress();
+    Camera camera;
+    const auto total = static_cast<double>(clock_->pictures());
+    for (std::uint64_t i = 0; i < clock_->pictures(); ++i) {
+      if (!line(static_cast<double>(i) / total, "finding the colours' range")) return cancelled();
+      film_us_ = clock_->time_us(i);
+      (*session)->update({}, camera, film_us_);
+      (*session)->take_colours(options_.style);
+    }
+    const SceneColours& colours = (*session)->colours();
+    if (colours.legend(nullptr)) options_.style.colour_range = colours.range(options_.style);
+    open_sources();
+    return {};
   }
 
   /// Ends with what is there when the program is to stop.
@@ -180,9 +211,15 @@ class Film {
     return {};
   }
 
-  const ClientOptions& options_;
+  struct Clip {
+    std::shared_ptr<const BakedClip> clip;
+    bool loops = false;
+  };
+
+  ClientOptions options_;
   const std::atomic<bool>& stop_;
   const LogSink& log_;
+  std::vector<Clip> clips_;  ///< One for each stream.
   std::optional<CameraPath> path_;
   std::unique_ptr<FilmWriter> writer_;
   TimeUs film_us_ = 0;                               ///< What the clips show.

@@ -198,7 +198,8 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
         {"--colour-map", &raw.colour_map, "colours of numbers",
          Choices{"viridis", "cividis", "coolwarm", "turbo", "grey"}, true},
         {"--colour-range", &raw.colour_range,
-         "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)"},
+         "LOW,HIGH: the values of the map's ends, in the stream's units (default: those of a whole film; live, those "
+         "seen so far, which grow)"},
         {"--normals", &raw.normals,
          "flat: each face by itself; crease: smooth but along edges that bend by --crease or more; smooth",
          Choices{"flat", "crease", "smooth"}, true},

@@ -5,18 +5,21 @@
 
 namespace eigencast {
 
-void SceneColours::paint(const Scene& scene, std::span<PoseSource* const> sources, const Style& style,
-                         Renderer& renderer) {
+void SceneColours::update(const Scene& scene, std::span<PoseSource* const> sources, const Style& style,
+                          int max_texture_side) {
   const auto& instances = scene.instances();
   painters_.resize(instances.size());
   if (!(style.colour == painted_.colour)) range_.reset();
   painted_ = style;
   for (std::size_t i = 0; i < instances.size(); ++i) {
-    painters_[i].set_images(decode_, Renderer::max_texture_side());
+    painters_[i].set_images(decode_, max_texture_side);
     painters_[i].paint(instances[i].view, *sources[instances[i].placement.source], style.colour);
-    renderer.paint(i, painters_[i].paint());
     if (painters_[i].range()) range_.include(*painters_[i].range());
   }
+}
+
+void SceneColours::upload(Renderer& renderer) const {
+  for (std::size_t i = 0; i < painters_.size(); ++i) renderer.paint(i, painters_[i].paint());
 }
 
 bool SceneColours::is_waiting() const {

@@ -19,8 +19,12 @@ class SceneColours final {
  public:
   explicit SceneColours(Decode decode = Decode::kBackground) : decode_(decode) {}
 
-  /// REQUIRES: `sources` are those that the scene advances with.
-  void paint(const Scene& scene, std::span<PoseSource* const> sources, const Style& style, Renderer& renderer);
+  /// Takes what the surfaces show now. max_texture_side: the GPU's limit. REQUIRES: `sources` are those that the scene
+  /// advances with.
+  void update(const Scene& scene, std::span<PoseSource* const> sources, const Style& style,
+              int max_texture_side = kMaxTextureSide);
+  /// Gives the renderer what update() took.
+  void upload(Renderer& renderer) const;
   /// Later surfaces move up.
   void remove(std::size_t surface);
 

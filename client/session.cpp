@@ -204,7 +204,8 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Style& style,
     renderer.upload(i, instances[i].view.geometry());
     renderer.place(i, instances[i].scene_from_surface, instances[i].visible, colourfulness(instances[i], start));
   }
-  colours_.paint(scene_, sources(), style, renderer);
+  colours_.update(scene_, sources(), style, Renderer::max_texture_side());
+  colours_.upload(renderer);
   uploaded_us_ = steady_now_us();
   upload_us_.add(uploaded_us_ - start);
   RenderOptions options = render_options(style);

@@ -49,6 +49,8 @@ class Session final {
   /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if any has changed. film_us: the moment to
   /// show, instead of the present one.
   bool update(std::chrono::milliseconds timeout, Camera& camera, std::optional<TimeUs> film_us = {});
+  /// Takes the colours of what is shown now, which their range then covers, without a picture.
+  void take_colours(const Style& style) { colours_.update(scene_, sources(), style); }
   /// Uploads and draws the scene. Overlays follow before finish_picture().
   void draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px, unsigned target);
   /// Ends the measurement of the picture's work. Waits for the GPU if `wait` or if a resolver needs the measurement.

@@ -9,9 +9,7 @@ namespace eigencast {
 Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const ClientOptions& options) {
   const std::size_t streams = options.scene.streams.size(), files = files_in(options.scene.streams);
   const bool files_only = streams > 0 && files == streams, no_files = streams > 0 && files == 0;
-  const Colouring colouring = options.style.colour.colouring;
-  const bool numbers = colouring == Colouring::kMovement || colouring == Colouring::kSpeed ||
-                       colouring == Colouring::kChannel || colouring == Colouring::kError;
+  const bool numbers = shows_numbers(options.style.colour);
   const bool endless = options.frames == 0, film = options.film.has_value();
   constexpr const char* kOfBrokers = "is for streams of brokers; files are read here";
   const struct {

@@ -214,6 +214,11 @@ std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
   return wishes;
 }
 
+bool shows_numbers(const SurfacePainter::Wish& wish) {
+  return wish.colouring == Colouring::kMovement || wish.colouring == Colouring::kSpeed ||
+         wish.colouring == Colouring::kChannel || wish.colouring == Colouring::kError;
+}
+
 std::string title_of(const SurfacePainter::Wish& wish) {
   constexpr std::array<const char*, 9> kTitles{"automatic",   "clay",     "its own colours",
                                                "its texture", "normals",  "movement from rest",

@@ -90,6 +90,9 @@ class SurfacePainter {
 /// Lists them in the order of key V.
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source);
 
+/// Colours stand for numbers, over a range.
+bool shows_numbers(const SurfacePainter::Wish& wish);
+
 /// "movement from rest", "channel 4"; "m" if the asset knows its size.
 std::string title_of(const SurfacePainter::Wish& wish);
 std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit);

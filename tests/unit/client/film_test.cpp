@@ -242,6 +242,21 @@ TEST_F(Films, EveryPictureHasItsLegend) {
   }
 }
 
+TEST_F(Films, AColourMeansTheSameInEveryPicture) {
+  for (const Colouring numbers : {Colouring::kMovement, Colouring::kSpeed}) {
+    options_.style.colour.colouring = numbers;
+    options_.style.colour_range.reset();
+    const std::string prefix = "n" + std::to_string(static_cast<int>(numbers)) + "_";
+    ASSERT_EQ(film(prefix + "%d.png", 30), kExitGood) << said_;
+    // The ball moves 1.1 units, by 3 a second: what clips have shown all along.
+    options_.style.colour_range = numbers == Colouring::kMovement ? std::array{0.0F, 1.5F} : std::array{0.0F, 4.0F};
+    ASSERT_EQ(film(prefix + "given_%d.png", 30), kExitGood) << said_;
+    const auto found = pictures(prefix), given = pictures(prefix + "given_");
+    ASSERT_EQ(found.size(), static_cast<std::size_t>(kFrames));
+    for (std::size_t i = 0; i < found.size(); ++i) EXPECT_EQ(found[i].rgb, given.at(i).rgb) << i;
+  }
+}
+
 TEST_F(Films, FollowTheCameraPath) {
   options_.camera_path = folder_.file("flight.json");
   std::ofstream(options_.camera_path) << R"({"keys": [{"t": 0, "eye": [0, 0, 6], "target": [0, 0, 0]},
