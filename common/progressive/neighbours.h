@@ -31,6 +31,8 @@ class Neighbours {
     return found;
   }
 
+  const Vec3& position(std::uint32_t number) const { return points_.positions[number]; }
+
  private:
   struct Points {  // as nanoflann asks
     std::span<const Vec3> positions;

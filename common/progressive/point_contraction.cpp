@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 #include "common/progressive/contraction.h"
+#include "common/progressive/limb.h"
 #include "common/progressive/neighbours.h"
 #include "common/progressive/point_normals.h"
 
@@ -16,7 +20,12 @@ constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others dro
 class PointContraction : Contraction {
  public:
   PointContraction(std::span<const Vec3> positions, const std::atomic<bool>& unwanted)
-      : Contraction(positions.size(), unwanted), x_(positions), links_(positions.size()), quadrics_(positions.size()) {}
+      : Contraction(positions.size(), unwanted),
+        x_(positions),
+        links_(positions.size()),
+        quadrics_(positions.size()),
+        width_(positions.size(), std::numeric_limits<double>::infinity()),
+        reach_(positions.size()) {}
 
   std::vector<Step> run() {
     const auto first = first_at_position(x_);
@@ -63,11 +72,18 @@ class PointContraction : Contraction {
   // "Efficient simplification of point-sampled surfaces"), and p itself, weighed as they are: planes alone let a point
   // represent a long piece of a limb, as a disc that is as long, and wider than the limb.
   void make_quadrics() {
+    const auto first = first_at_position(x_);
+    std::vector<std::uint32_t> distinct;
+    for (std::uint32_t p = 0; p < x_.size(); ++p) {
+      if (first[p] == p) distinct.push_back(p);
+    }
+    const Neighbours neighbours(x_, std::move(distinct));
     for (std::uint32_t p = 0; p < x_.size() && !unwanted_; ++p) {
       if (!alive_[p] || links_[p].empty()) continue;
       const Vec3 n = normal_from_points(x_, x_[p], links_[p]);
       double nearest = squared_distance(x_[p], x_[links_[p].front()]);
       for (const std::uint32_t i : links_[p]) nearest = std::min(nearest, squared_distance(x_[p], x_[i]));
+      width_[p] = width_of_limb(p, n, neighbours);
       quadrics_[p].area = nearest;
       quadrics_[p].add_point(x_[p], nearest);
       for (const std::uint32_t i : links_[p]) {
@@ -79,12 +95,40 @@ class PointContraction : Contraction {
     }
   }
 
+  /// How long a piece of its limb a point may stand for: what a disc covers that is not wider. Elsewhere any.
+  double width_of_limb(std::uint32_t p, const Vec3& n, const Neighbours& neighbours) const {
+    constexpr double kWidest = 16, kWider = 1.3;  // discs that are tried, in distances of points; a step
+    constexpr double kLength = 1.5;               // of a disc's radius
+    constexpr std::array kDepths{1.5, 0.6};       // likewise, to where the far side may be
+    const DiscOnLimb disc(x_[p], n, neighbours);
+    const double least = disc.gap();
+    double radius = kWider * least;
+    while (radius < kWidest * least && !disc.is_wider(radius)) radius *= kWider;
+    const auto is_far_side = [&](double depth) {
+      const Vec3 behind = x_[p] + depth * n;
+      return length(x_[neighbours.nearest(behind, 1).front()] - behind) < 0.5 * std::abs(depth);
+    };
+    const bool is_limb = radius < kWidest * least && std::any_of(kDepths.begin(), kDepths.end(), [&](double of) {
+                           return is_far_side(of * radius) || is_far_side(-of * radius);
+                         });
+    return is_limb ? kLength * radius / kWider : std::numeric_limits<double>::infinity();
+  }
+
+  /// Discs are round: where a point stands for a longer piece of a limb than it is wide, the limb has gaps.
+  double cost_of_gaps(std::uint32_t u, std::uint32_t v) const {
+    const double over = reach_with(u, v) / width_[v];
+    return over > 1 ? over * over * over * over : 1;
+  }
+  double reach_with(std::uint32_t u, std::uint32_t v) const {
+    return std::sqrt(squared_distance(x_[u], x_[v])) + reach_[u];
+  }
+
   void consider(std::uint32_t u) {
     ++version_[u];
     if (links_[u].empty()) return;
     Candidate best{0, u, u, version_[u]};
     for (const std::uint32_t v : links_[u]) {
-      const double cost = contraction_cost(quadrics_[u], quadrics_[v], x_[u], x_[v]);
+      const double cost = cost_of_gaps(u, v) * contraction_cost(quadrics_[u], quadrics_[v], x_[u], x_[v]);
       if (best.to == u || cost < best.cost || (cost == best.cost && v < best.to)) {
         best.cost = cost;
         best.to = v;
@@ -96,6 +140,7 @@ class PointContraction : Contraction {
   void contract(std::uint32_t u, std::uint32_t v) {
     remove(u, v);
     quadrics_[v] += quadrics_[u];
+    reach_[v] = std::max(reach_[v], reach_with(u, v));
     const std::vector<std::uint32_t> moved = std::move(links_[u]);
     links_[u].clear();
     for (const std::uint32_t w : moved) {
@@ -128,6 +173,7 @@ class PointContraction : Contraction {
   std::span<const Vec3> x_;
   std::vector<std::vector<std::uint32_t>> links_;  ///< Symmetric: a point links to those that link to it.
   std::vector<Quadric> quadrics_;
+  std::vector<double> width_, reach_;  ///< See width_of_limb(); to the farthest point stood for, at most.
 };
 
 }  // namespace

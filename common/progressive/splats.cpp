@@ -5,11 +5,11 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <numeric>
 #include <utility>
 
 #include "common/progressive/contraction.h"
+#include "common/progressive/limb.h"
 #include "common/progressive/neighbours.h"
 
 namespace eigencast {
@@ -21,9 +21,9 @@ constexpr std::size_t kNearest = 8;            // rows that are tried as corners
 constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
-constexpr double kInAir = 0.53;   // of a disc's radius, from two opposite ends to their nearest points
-constexpr double kOverRim = 0.7;  // likewise, from one
 constexpr double kShrink = 0.92;
+constexpr double kOfGap = 0.6;   // of the distance to the next points on two sides, likewise
+constexpr double kLongest = 3;   // of the radius without gaps
 constexpr double kRadius = 0.8;  // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
 class SplatBuilder {
@@ -109,20 +109,10 @@ class SplatBuilder {
   /// Over a rim none reaches far, but for half of its radius, without which the rim would have holes.
   double within_limb(std::uint32_t i, double reach, double least, const Neighbours& neighbours) const {
     if (i >= kFinestFrame) return reach;
-    const Vec3& n = normals_[i];
-    const Vec3 t = unit(cross(n, std::abs(n[0]) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0})), s = cross(n, t);
-    const auto in_air = [&](const Vec3& along, double part) {
-      const Vec3 end = x_[i] + reach * along;
-      const auto nearest = neighbours.nearest(end, 1);
-      return !nearest.empty() && length(x_[nearest.front()] - end) > part * reach;
-    };
-    constexpr double kHalf = std::numbers::sqrt2 / 2;
-    const std::array<Vec3, 4> ways{t, s, kHalf * (t + s), kHalf * (t - s)};
-    const auto is_wider = [&](const Vec3& way) { return in_air(way, kInAir) && in_air(-1 * way, kInAir); };
-    const auto is_over_rim = [&](const Vec3& way) { return in_air(way, kOverRim) || in_air(-1 * way, kOverRim); };
-    while (reach > least && std::any_of(ways.begin(), ways.end(), is_wider)) reach *= kShrink;
+    const DiscOnLimb disc(x_[i], normals_[i], neighbours);
+    while (reach > least && disc.is_wider(reach)) reach *= kShrink;
     const double least_at_rim = std::max(least, reach / 2);
-    while (reach > least_at_rim && std::any_of(ways.begin(), ways.end(), is_over_rim)) reach *= kShrink;
+    while (reach > least_at_rim && disc.is_over_rim(reach)) reach *= kShrink;
     return std::max(reach, least);
   }
 
@@ -141,6 +131,8 @@ class SplatBuilder {
       const auto around = neighbours.nearest(x_[i], kRadiusNeighbours + 1);
       for (const std::uint32_t j : around) sum += length(x_[j] - x_[i]);
       alone[i] = around.size() > 1 ? kRadius * sum / static_cast<double>(around.size() - 1) : 0;
+      const double gap = DiscOnLimb(x_[i], normals_[i], neighbours).gap();
+      alone[i] = std::max(alone[i], std::min(kOfGap * gap, kLongest * alone[i]));
     }
     std::vector<std::vector<std::uint32_t>> stands_for(n_);
     for (std::uint32_t i = 0; i < n_; ++i) stands_for[i] = {i};
