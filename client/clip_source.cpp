@@ -125,6 +125,7 @@ Result<std::shared_ptr<const BakedClip>> open_recording(const std::string& path,
   clip->asset = std::move(read->asset);
   clip->frames = std::move(read->frames);
   clip->times_us = std::move(read->times_us);
+  clip->utc_us = std::move(read->utc_us);
   clip->is_cycle = ends_where_it_begins(clip->frames);
   clip->info = std::move(read->info);
   return std::shared_ptr<const BakedClip>(std::move(clip));
@@ -199,6 +200,14 @@ ClipSource::Shown ClipSource::shown_at(TimeUs now_us) const {
   const Timeline::Moment moment = timeline_->at(now_us);
   if (timeline_->interpolates()) return {moment.lap, moment.position_us};
   return {moment.lap, timeline_->times_us()[timeline_->frame_at(moment.position_us)]};
+}
+
+/// Of what is shown, which came last. A clip's time goes on between its poses.
+TimeUs ClipSource::utc_us(TimeUs /*capture_us*/) const {
+  const TimeUs position_us = shown_ ? shown_->position_us : 0;
+  if (clip_->utc_us.empty()) return position_us;
+  const std::size_t frame = timeline_->frame_at(position_us);
+  return clip_->utc_us[frame] + position_us - clip_->times_us[frame];
 }
 
 std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {

@@ -37,6 +37,7 @@ struct BakedClip {
   std::shared_ptr<const MotionClip> motion;  ///< As read; pose() from one thread at a time. Null: of a stream.
   std::vector<std::vector<double>> frames;   ///< Each r x c, row-major; c is 3, more of a stream with scalars.
   std::vector<TimeUs> times_us;              ///< Of the frames, see ClipMotion.
+  std::vector<TimeUs> utc_us;                ///< When each was captured; empty: of a file, which has no such time.
   TimeUs period_us = 0;
   bool is_cycle = false;
   std::optional<control::StreamInfo> info;  ///< As the stream's sender announced it.
@@ -63,6 +64,7 @@ class ClipSource final : public PoseSource {
   std::uint32_t epoch() const override { return info_->epoch; }
   const std::optional<control::StreamInfo>& info() const override { return info_; }
   Subscriber::Stats stats() const override { return stats_; }
+  TimeUs utc_us(TimeUs capture_us) const override;
   Truth* truth() const override { return truth_.get(); }
   Timeline* timeline() const override { return timeline_.get(); }
   std::span<const std::vector<double>> motion() const override { return clip_->frames; }
@@ -104,6 +106,7 @@ class OpeningClip final : public PoseSource {
   std::uint32_t epoch() const override { return playing_ ? playing_->epoch() : 0; }
   const std::optional<control::StreamInfo>& info() const override { return playing_ ? playing_->info() : info_; }
   Subscriber::Stats stats() const override;
+  TimeUs utc_us(TimeUs capture_us) const override { return playing_ ? playing_->utc_us(capture_us) : capture_us; }
   Truth* truth() const override { return playing_ ? playing_->truth() : nullptr; }
   Timeline* timeline() const override { return playing_ ? playing_->timeline() : nullptr; }
   std::span<const std::vector<double>> motion() const override {

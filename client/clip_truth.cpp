@@ -159,7 +159,8 @@ class TruthfulSource final : public PoseSource {
   std::uint32_t epoch() const override { return source_->epoch(); }
   const std::optional<control::StreamInfo>& info() const override { return source_->info(); }
   Subscriber::Stats stats() const override { return source_->stats(); }
-  std::optional<TimeUs> lag_us() const override { return source_->lag_us(); }
+  TimeUs utc_us(TimeUs capture_us) const override { return source_->utc_us(capture_us); }
+  std::optional<SharedMoment> moment() const override { return source_->moment(); }
   void report_late(TimeUs needed_lag_us) override { source_->report_late(needed_lag_us); }
   Truth* truth() const override { return &truth_; }
 

@@ -85,7 +85,8 @@ class Compared final : public PoseSource, private Truth {
   const ChangeOver* change() const override { return source_->change(); }
   const std::optional<control::StreamInfo>& info() const override { return source_->info(); }
   Subscriber::Stats stats() const override { return source_->stats(); }
-  std::optional<TimeUs> lag_us() const override { return source_->lag_us(); }
+  TimeUs utc_us(TimeUs capture_us) const override { return source_->utc_us(capture_us); }
+  std::optional<SharedMoment> moment() const override { return source_->moment(); }
   void report_late(TimeUs needed_lag_us) override { source_->report_late(needed_lag_us); }
   Truth* truth() const override { return const_cast<Compared*>(this); }
   Timeline* timeline() const override { return source_->timeline(); }

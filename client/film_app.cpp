@@ -141,7 +141,6 @@ class Film {
           formatted("a sender or broker went after %.1f of %.1f s: the film ends there",
                     static_cast<double>(length_us) / 1e6, wanted_seconds()));
     }
-    begins_us_ = captures.front().first_us();
     for (std::size_t i = 0; i < captures.size(); ++i) play(captured_[i], captures[i].clip(), false);
     return {};
   }
@@ -197,7 +196,7 @@ class Film {
         camera.turn(static_cast<float>(kFullTurn / (options_.turntable_s * clock_->fps())));
       viewer_->draw([&] {
         OverlayContent content;  // other figures are of this machine's time
-        content.figures = {timecode_of(begins_us_ + film_us_)};
+        content.figures = {timecode_of(opened_.front()->utc_us(film_us_))};
         content.legend = session.overlay_content().legend;
         return content;
       });
@@ -226,7 +225,7 @@ class Film {
   std::vector<std::unique_ptr<PoseSource>> opened_;  ///< One for each stream.
   std::vector<std::size_t> captured_;                ///< Streams of brokers.
   TimeUs longest_us_ = 0;                            ///< Period of a clip.
-  TimeUs captured_us_ = 0, begins_us_ = 0;           ///< Of the streams; on the clock of the first one's sender.
+  TimeUs captured_us_ = 0;                           ///< Of the streams.
   bool lost_ = false;
   std::optional<FilmClock> clock_;
   std::vector<PoseSource*> sources_;

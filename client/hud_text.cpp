@@ -59,9 +59,9 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout) 
   return line + (playout.settings().delay_us > 0 ? std::string() : formatted(" (smooth %.0f %%)", percent));
 }
 
-std::string timecode_of(TimeUs capture_us) {
+std::string timecode_of(TimeUs utc_us) {
   constexpr TimeUs kDayUs = TimeUs{86'400} * 1'000'000;
-  const auto ms = static_cast<int>((capture_us % kDayUs + kDayUs) % kDayUs / 1000);
+  const auto ms = static_cast<int>((utc_us % kDayUs + kDayUs) % kDayUs / 1000);
   return formatted("%02d:%02d:%02d.%03d", ms / 3'600'000, ms / 60'000 % 60, ms / 1000 % 60, ms % 1000);
 }
 

@@ -44,7 +44,7 @@ std::string text_from_mode(const Profile& profile);
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 
 /// "14:03:27.512": of the day, on the sender's clock.
-std::string timecode_of(TimeUs capture_us);
+std::string timecode_of(TimeUs utc_us);
 
 /// "12.3 s behind live", "3:07 behind live", "1:02:07 behind live": as the page says it.
 std::string text_from_behind(TimeUs behind_us);

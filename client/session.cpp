@@ -23,6 +23,12 @@ std::vector<Placement> one_each(std::size_t sources) {
 
 }  // namespace
 
+std::optional<TimeUs> utc_shown(const SurfaceView& view, const PoseSource& source) {
+  const auto shown_us = view.shown_capture_us();
+  const bool is_new = source.info() && source.epoch() == source.info()->epoch;
+  return shown_us && is_new ? std::optional(source.utc_us(*shown_us)) : std::nullopt;
+}
+
 Session::Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log)
     : options_(options),
       connections_(sources, options.scene.streams, log),
@@ -260,7 +266,7 @@ void Session::finish_picture(bool wait) {
     drawn_permille_.add(std::llround(1e3 * drawn_part()));
   }
   ++drawn_;
-  record_.shown(scene_, end);
+  record_.shown(scene_, sources(), end);
   if (const auto sought_us = rewind_.take_sought(sources(), scene_)) seek_us_.add(end - *sought_us);
   if (scene_.poses_shown() == drawn_pose_) return;
   drawn_pose_ = scene_.poses_shown();
@@ -300,6 +306,12 @@ float Session::colourfulness() const {
   float sum = 0;
   for (const Scene::Instance& instance : scene_.instances()) sum += colourfulness(instance, now);
   return scene_.instances().empty() ? 1 : sum / static_cast<float>(scene_.instances().size());
+}
+
+std::optional<TimeUs> Session::shown_utc_us() const {
+  if (scene_.instances().empty()) return std::nullopt;
+  const Scene::Instance& first = scene_.instances().front();
+  return utc_shown(first.view, *sources()[first.placement.source]);
 }
 
 HudFigures Session::figures() const {
@@ -343,8 +355,7 @@ HudFigures Session::figures() const {
   if (levels_.active() || levels_.quality() != PictureQuality()) f.lowered = text_from_lowered(levels_, f);
   if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
   f.shown = text_from_shown(first.shown(), first.settling(), first.playout());
-  if (first.shown_capture_us())
-    f.shown += " \xC2\xB7 " + timecode_of(rewind_.past_us().value_or(*first.shown_capture_us()));
+  if (const auto utc_us = shown_utc_us()) f.shown += " \xC2\xB7 " + timecode_of(*utc_us);
   f.mode = text_from_mode(source.info() ? source.info()->profile : options_.profile.value_or(Profile{}));
   return f;
 }

@@ -25,6 +25,9 @@
 
 namespace eigencast {
 
+/// When what is shown was captured; nothing: it is of an epoch before.
+std::optional<TimeUs> utc_shown(const SurfaceView& view, const PoseSource& source);
+
 /// Writes received and shown poses, one JSON object a line (client/README.md has the fields). Not thread-safe.
 class PoseRecord final {
  public:
@@ -32,7 +35,7 @@ class PoseRecord final {
   Result<void> open(const std::string& received, const std::string& shown);
 
   void received(std::size_t source, std::span<const ReceivedPose> poses);
-  void shown(const Scene& scene, TimeUs drawn_us);
+  void shown(const Scene& scene, std::span<PoseSource* const> sources, TimeUs drawn_us);
 
  private:
   std::ofstream received_, shown_;
@@ -108,6 +111,7 @@ class Session final {
                    int width_px, int height_px, unsigned target);
   double drawn_part() const;  ///< Of all vertices.
   void frame_scene(Camera& camera);
+  std::optional<TimeUs> shown_utc_us() const;  ///< Of the first surface.
   std::optional<TimeUs> newest_arrival_us(std::size_t source) const;
   float colourfulness(const Scene::Instance& instance, TimeUs now_us) const;
 

@@ -102,7 +102,7 @@ void PoseRecord::received(std::size_t source, std::span<const ReceivedPose> pose
   received_.flush();
 }
 
-void PoseRecord::shown(const Scene& scene, TimeUs drawn_us) {
+void PoseRecord::shown(const Scene& scene, std::span<PoseSource* const> sources, TimeUs drawn_us) {
   if (!shown_.is_open()) return;
   for (std::size_t i = 0; i < scene.instances().size(); ++i) {
     const SurfaceView& view = scene.instances()[i].view;
@@ -110,6 +110,7 @@ void PoseRecord::shown(const Scene& scene, TimeUs drawn_us) {
     const json line{{"surface", i},
                     {"drawn_us", drawn_us},
                     {"capture_us", *view.shown_capture_us()},
+                    {"utc_us", json_from(utc_shown(view, *sources[scene.instances()[i].placement.source]))},
                     {"shown", kShownNames[view.shown()]},
                     {"settling", view.settling()},
                     {"vertices", view.geometry().vertex_count()},
@@ -182,11 +183,11 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["playout"] = {{"mode", kPlayoutNames[playout.settings().mode]},
                        {"smoothness", playout.smoothness()},
                        {"delay_us", playout.delay_us()}};
-  report["playout"]["lag_us"] = json_from(source.lag_us());
-  report["shown"] = {
-      {"capture_us", json_from(view.shown_capture_us())},
-      {"timecode", view.shown_capture_us() ? json(timecode_of(rewind_.past_us().value_or(*view.shown_capture_us())))
-                                           : json(nullptr)}};
+  report["playout"]["lag_us"] = json_from(playout.lag_us());
+  const auto utc_us = shown_utc_us();
+  report["shown"] = {{"capture_us", json_from(view.shown_capture_us())},
+                     {"utc_us", json_from(utc_us)},
+                     {"timecode", utc_us ? json(timecode_of(*utc_us)) : json(nullptr)}};
   if (seek_us_.count() > 0) report["seek_us"] = json_from(seek_us_);
   if (rewind_.past_us()) {
     report["shown"]["at_us"] = *rewind_.past_us();

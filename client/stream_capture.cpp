@@ -25,6 +25,7 @@ void StreamCapture::begin() {
   if (frames_.size() < 2) return;
   frames_.erase(frames_.begin(), frames_.end() - 1);
   times_us_.erase(times_us_.begin(), times_us_.end() - 1);
+  utc_us_.erase(utc_us_.begin(), utc_us_.end() - 1);
   bytes_ = frames_.front().size() * sizeof(double);
 }
 
@@ -49,6 +50,7 @@ Result<void> StreamCapture::take(std::chrono::milliseconds timeout) {
       return fail(ErrorCode::kTooLarge, "over 1 GiB of coefficients; take a shorter film, or record at the broker");
     frames_.emplace_back(pose.coefficients.begin(), pose.coefficients.end());
     times_us_.push_back(time_us);
+    utc_us_.push_back(source_.utc_us(time_us));
   }
   return {};
 }
@@ -64,6 +66,7 @@ std::shared_ptr<const BakedClip> StreamCapture::clip() {
   }
   clip->frames = std::exchange(frames_, {});
   clip->times_us = std::exchange(times_us_, {});
+  clip->utc_us = std::exchange(utc_us_, {});
   const TimeUs first_us = clip->times_us.front();
   for (TimeUs& time_us : clip->times_us) time_us -= first_us;
   clip->period_us = clip->times_us.back() + 1;

@@ -26,7 +26,6 @@ class StreamCapture {
   Result<void> take(std::chrono::milliseconds timeout);
   /// From the first to the last pose that it has.
   TimeUs length_us() const { return times_us_.empty() ? 0 : times_us_.back() - times_us_.front(); }
-  TimeUs first_us() const { return times_us_.front(); }  ///< Capture time. REQUIRES: not is_empty().
   bool is_empty() const { return frames_.empty(); }
   /// The sender or the broker is gone.
   bool is_lost() const;
@@ -37,7 +36,7 @@ class StreamCapture {
  private:
   PoseSource& source_;
   std::vector<std::vector<double>> frames_;
-  std::vector<TimeUs> times_us_;  ///< Capture times.
+  std::vector<TimeUs> times_us_, utc_us_;  ///< Capture times.
   std::optional<control::StreamInfo> info_;
   std::size_t bytes_ = 0;
 };

@@ -65,6 +65,7 @@ control::Announce BrokerPublisher::announcement(const Sending& of) const {
   m.format = of.format;
   m.key_rate_hz = options_.key_rate_hz;
   m.world = options_.world;
+  m.utc_us = utc_us_;
   m.resume = resume_;
   return m;
 }

@@ -127,6 +127,7 @@ class BrokerPublisher final : public Publisher {
   void refuse_memory(const Error& why);
 
   const PublisherOptions options_;
+  const TimeUs utc_us_ = unix_at_steady_zero_us();  ///< One for all of its epochs.
   BrokerUrl url_;  ///< Changed by the connection's thread alone, with mutex_, before it is ever open.
   const LogSink log_;
 

@@ -75,7 +75,7 @@ void Receiver::on_open(const BrokerUrl& broker) {
   condition_.trouble.clear();
   condition_.retry_at_us.reset();
   condition_.clock.reset();
-  broker_lag_us_.reset();
+  moment_.reset();
   kept_.reset();
   decoder_.restart();
   forget_memory();
@@ -128,7 +128,7 @@ void Receiver::on_info(const control::StreamInfo& info) {
   std::unique_lock lock(mutex_);
   decoder_.set_stream(info);
   is_past_ = info.rewind.has_value();
-  if (is_past_) broker_lag_us_.reset();  // It is in step with nobody.
+  if (is_past_) moment_.reset();  // It is in step with nobody.
   if (std::exchange(epoch_, info.epoch) != info.epoch) forget_memory();
   news_.info = info;
   news_.declined = condition_.declined = false;
@@ -183,13 +183,14 @@ void Receiver::on_clock(const ClockOffset::Estimate& clock) {
 
 void Receiver::on_moment(const control::Moment& moment) {
   const std::lock_guard lock(mutex_);
-  broker_lag_us_ = moment.lag_us;
+  moment_ = moment;
 }
 
-std::optional<TimeUs> Receiver::lag_us() const {
+std::optional<SharedMoment> Receiver::moment() const {
   const std::lock_guard lock(mutex_);
-  if (!broker_lag_us_ || !condition_.clock) return std::nullopt;
-  return bounded_time(*broker_lag_us_ - bounded_time(condition_.clock->offset_us));
+  if (!moment_ || !condition_.clock) return std::nullopt;
+  return SharedMoment{bounded_time(bounded_time(moment_->lag_us) - bounded_time(condition_.clock->offset_us)),
+                      bounded_time(moment_->delay_us)};
 }
 
 void Receiver::report_late(TimeUs needed_lag_us) {

@@ -64,7 +64,7 @@ class Receiver final : private BrokerConnection::Listener {
   void seek(TimeUs at_us, double speed, bool next) { say(control::Seek{name(), at_us, next, speed}); }
   void show_present() { say(request_.subscribe); }
   /// At t on our clock the pose of t minus this is to be shown; nothing: that is not known (yet).
-  std::optional<TimeUs> lag_us() const;
+  std::optional<SharedMoment> moment() const;
   /// On our clock, see control::Late; passed on four times a second at most.
   void report_late(TimeUs needed_lag_us);
   std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.
@@ -104,7 +104,7 @@ class Receiver final : private BrokerConnection::Listener {
   News news_;
   Condition condition_;
   TimeUs notice_until_us_ = 0, late_said_us_ = 0;
-  std::optional<TimeUs> broker_lag_us_;  ///< On its clock.
+  std::optional<control::Moment> moment_;
   std::uint64_t unreadable_ = 0;
   bool crowded_out_ = false;  ///< Another connection is to be asked for the stream.
   bool misplaced_ = false;    ///< Refused before it was ever open: the broker may be behind a path.

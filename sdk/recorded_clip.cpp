@@ -35,6 +35,7 @@ class RecordedPoses {
  private:
   Result<void> begin(const control::Announce& announce) {
     follows_ = false;
+    utc_us_ = announce.utc_us;
     if (has_begun_ && clip_.info.asset == announce.asset && clip_.info.format == announce.format) return {};
     if (has_begun_ && !announce.continues) return another_surface();
     auto asset = surface_of(announce);
@@ -112,6 +113,7 @@ class RecordedPoses {
                                  ? 0
                                  : clip_.times_us.back() +
                                        std::clamp<TimeUs>(pause_us(pose.capture_us, recorded_us), 1, kLongestPauseUs));
+    clip_.utc_us.push_back(bounded_time(utc_us_) + bounded_time(pose.capture_us));
     clip_.frames.push_back(std::move(C));
     follows_ = true;
     last_capture_us_ = pose.capture_us;
@@ -123,6 +125,7 @@ class RecordedPoses {
   const AssetCache cache_;
   RecordedClip& clip_;
   bool has_begun_ = false;
+  TimeUs utc_us_ = 0;  ///< Announced.
   TimeUs last_capture_us_ = 0;
   TimeUs last_recorded_us_ = 0;
   bool follows_ = false;  ///< The last pose came behind the same announcement.

@@ -19,6 +19,7 @@ struct RecordedClip {
   Asset asset;
   std::vector<std::vector<double>> frames;  ///< Each r x c, row-major.
   std::vector<TimeUs> times_us;             ///< Of the frames, ascending from 0.
+  std::vector<TimeUs> utc_us;               ///< Likewise, when each was captured: utc_of().
 
   TimeUs period_us() const;  ///< The last pose lasts as long as the others do.
 };

@@ -30,7 +30,7 @@ class BrokerSubscriber final : public Subscriber {
         receiver_(url, request, [this] { wake(); }) {}
 
   std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
-  std::optional<TimeUs> lag_us() const override { return receiver_.lag_us(); }
+  std::optional<SharedMoment> moment() const override { return receiver_.moment(); }
   void report_late(TimeUs needed_lag_us) override { receiver_.report_late(needed_lag_us); }
   std::optional<Kept> kept() const override { return receiver_.kept(); }
   void ask_kept() override { receiver_.ask_kept(); }
@@ -184,12 +184,6 @@ class BrokerSubscriber final : public Subscriber {
 };
 
 }  // namespace
-
-TimeUs moment_of(const control::StreamInfo::Rewind& rewind, TimeUs capture_us) {
-  constexpr double kFarUs = 1e18;  // Beyond what a broker that means well says.
-  const double since_us = static_cast<double>(capture_us - rewind.capture_us) * rewind.speed;
-  return rewind.at_us + std::llround(std::clamp(since_us, -kFarUs, kFarUs));
-}
 
 Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options, LogSink log) {
   const auto url = stream_url(options.url, options.credentials, log);

@@ -74,8 +74,11 @@ class Rewind {
   virtual void show_present() = 0;
 };
 
-/// On the broker's clock, as in Rewind, of a pose of a rewound stream.
-TimeUs moment_of(const control::StreamInfo::Rewind& rewind, TimeUs capture_us);
+/// Which pose a group of viewers shows: at t on our clock that of t - lag_us. See control::Moment.
+struct SharedMoment {
+  TimeUs lag_us = 0;
+  TimeUs delay_us = 0;  ///< So much of it is behind the fastest arrivals.
+};
 
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
 /// itself, and keeps what it has meanwhile. Two threads serve all Subscribers of a broker with the same credentials;
@@ -113,9 +116,10 @@ class Subscriber : public Rewind {
   /// Is the one announced last; nothing before, or after the broker refused it.
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Stats stats() const = 0;
-  /// With `sync`: at t on our clock the pose of t minus this is to be shown; nothing: that is not known (yet).
-  virtual std::optional<TimeUs> lag_us() const { return std::nullopt; }
-  /// With `sync`: Playout::needed_lag_us(), on our clock.
+  /// With `sync`; nothing: that is not known (yet).
+  virtual std::optional<SharedMoment> moment() const { return std::nullopt; }
+  /// With `sync`: Playout::needed_lag_us(), on our clock; with streams of several brokers, as far behind the fastest
+  /// arrivals as any of these needs.
   virtual void report_late(TimeUs /*needed_lag_us*/) {}
   /// Since the last call, oldest first (at most 256: older ones are dropped).
   virtual std::vector<control::Trace> take_traces() = 0;

@@ -44,8 +44,10 @@ class PoseSource {
   virtual const ChangeOver* change() const { return nullptr; }
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Subscriber::Stats stats() const = 0;
+  /// When a pose of the present epoch was captured, since 1970; of a clip from a file, from its beginning.
+  virtual TimeUs utc_us(TimeUs capture_us) const { return info() ? utc_of(*info(), capture_us) : capture_us; }
   /// As Subscriber's.
-  virtual std::optional<TimeUs> lag_us() const { return std::nullopt; }
+  virtual std::optional<SharedMoment> moment() const { return std::nullopt; }
   virtual void report_late(TimeUs /*needed_lag_us*/) {}
   /// The exact surface, if it is known here; else null. Owned by the source.
   virtual Truth* truth() const { return nullptr; }

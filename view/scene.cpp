@@ -95,13 +95,33 @@ void Scene::receive(std::size_t index, const PoseSource& source, const std::vect
   }
 }
 
+/// Brokers know their own viewers alone: all streams are shown as far behind their fastest arrivals as any broker says,
+/// and each broker hears what the one needs that needs most.
+void Scene::keep_together(std::span<PoseSource* const> sources) {
+  std::optional<TimeUs> delay_us, needed_us;
+  const auto most = [](std::optional<TimeUs>& of, TimeUs us) { of = std::max(of.value_or(us), us); };
+  const auto fastest_of = [](const SharedMoment& moment) { return moment.lag_us - moment.delay_us; };
+  for (const Instance& instance : instances_) {
+    const auto moment = sources[instance.placement.source]->moment();
+    if (!moment) continue;
+    most(delay_us, moment->delay_us);
+    if (const auto lag_us = instance.view.playout().needed_lag_us()) most(needed_us, *lag_us - fastest_of(*moment));
+  }
+  for (Instance& instance : instances_) {
+    PoseSource& source = *sources[instance.placement.source];
+    const auto moment = source.moment();
+    instance.view.set_lag(moment ? std::optional(fastest_of(*moment) + *delay_us) : std::nullopt);
+    const auto own = instance.view.playout().needed_lag_us();
+    if (own) source.report_late(moment && needed_us ? fastest_of(*moment) + *needed_us : *own);
+  }
+}
+
 bool Scene::advance(std::span<PoseSource* const> sources, TimeUs now_us) {
+  keep_together(sources);
   std::vector<Instance*> changed;
   for (Instance& instance : instances_) {
     PoseSource& source = *sources[instance.placement.source];
     instance.view.lod().set_fraction(lod_.fraction());
-    instance.view.set_lag(source.lag_us());
-    if (const auto needed = instance.view.playout().needed_lag_us()) source.report_late(*needed);
     if (!instance.view.prepare(source, now_us)) continue;
     share_basis(instance.view);
     changed.push_back(&instance);

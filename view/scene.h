@@ -66,6 +66,7 @@ class Scene {
   const Histogram& normals_us() const { return normals_us_; }          ///< Likewise.
 
  private:
+  void keep_together(std::span<PoseSource* const> sources);
   void share_basis(SurfaceView& view);
   void place(std::span<PoseSource* const> sources);
 

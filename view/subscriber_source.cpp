@@ -13,7 +13,7 @@ class SubscriberSource final : public PoseSource {
   std::uint32_t epoch() const override { return subscriber_->epoch(); }
   const std::optional<control::StreamInfo>& info() const override { return subscriber_->info(); }
   Subscriber::Stats stats() const override { return subscriber_->stats(); }
-  std::optional<TimeUs> lag_us() const override { return subscriber_->lag_us(); }
+  std::optional<SharedMoment> moment() const override { return subscriber_->moment(); }
   Rewind* rewind() override { return subscriber_.get(); }
   void report_late(TimeUs needed_lag_us) override { subscriber_->report_late(needed_lag_us); }
 

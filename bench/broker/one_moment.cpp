@@ -52,7 +52,8 @@ struct Viewer {
       playout.add({pose.envelope.capture_us, pose.coefficients, 0xff, shown}, pose.arrival_us);
       if (pose.next) playout.add_next({pose.next->capture_us, pose.next->coefficients, 0xff});
     }
-    playout.set_lag(subscriber->lag_us());
+    const auto moment = subscriber->moment();
+    playout.set_lag(moment ? std::optional(moment->lag_us) : std::nullopt);
     if (const auto needed = playout.needed_lag_us()) subscriber->report_late(*needed);
     auto pose = playout.at(now);
     if (!pose) return std::nullopt;

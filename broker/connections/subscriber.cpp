@@ -136,7 +136,7 @@ void Subscriber::unsubscribe(const control::Unsubscribe& request) {
 void Subscriber::synchronise(Watched& watched, const std::string& group) {
   if (watched.moment) context().moments.leave(*watched.moment);
   watched.moment.reset();
-  watched.lag_us.reset();
+  watched.moment_told.reset();
   if (!group.empty()) watched.moment = context().moments.join(group, watched.stream->name());
   watched.is_waited_for = grant().may_speak(group).has_value();
   follow_beat();
@@ -276,10 +276,14 @@ double Subscriber::tell_moments() {
     work_us += kMomentUs;
     const auto lag_us =
         context().moments.lag_us(*watched.moment, steady_now_us(), context().config.frames.max_sync_ms * 1000);
-    if (!lag_us || (watched.lag_us && std::abs(*lag_us - *watched.lag_us) < kTellLagUs)) continue;
-    watched.lag_us = lag_us;
+    if (!lag_us) continue;
+    const TimeUs delay_us = context().moments.delay_us(*watched.moment);
+    const auto& told = watched.moment_told;
+    const auto is_near = [](TimeUs a, TimeUs b) { return std::abs(a - b) < kTellLagUs; };
+    if (told && is_near(*lag_us, told->lag_us) && is_near(delay_us, told->delay_us)) continue;
+    watched.moment_told = control::Moment{watched.stream->name(), *lag_us, delay_us};
     work_us += kNewsUs;
-    send(control::Moment{watched.stream->name(), *lag_us});
+    send(*watched.moment_told);
   }
   return work_us;
 }

@@ -44,7 +44,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
     std::uint32_t told = 0;  ///< The generation of its memory that the viewer was told of.
     std::optional<Moments::Seat> moment{};
     bool is_waited_for = false;      ///< In its group.
-    std::optional<TimeUs> lag_us{};  ///< That the viewer was told of.
+    std::optional<control::Moment> moment_told{};
     TimeUs noted_us = 0;             ///< When an arrival was noted last.
   };
 

@@ -106,4 +106,13 @@ std::optional<TimeUs> Moments::lag_us(Seat seat, TimeUs now_us, TimeUs max_delay
   return stream.shown_us;
 }
 
+TimeUs Moments::delay_us(Seat seat) {
+  const std::lock_guard lock(mutex_);
+  const auto found = viewers_.find(seat);
+  if (found == viewers_.end()) return 0;
+  const Stream& stream = found->second.stream->second;
+  const auto fastest = stream.fastest();
+  return fastest && stream.shown_us ? *stream.shown_us - *fastest : 0;
+}
+
 }  // namespace eigencast::broker

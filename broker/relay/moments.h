@@ -37,6 +37,8 @@ class Moments {
   void report(Seat seat, const std::string& holder, TimeUs needed_lag_us, TimeUs now_us);
   /// That with which the seat's stream is to be shown now; nothing: nothing has arrived yet.
   std::optional<TimeUs> lag_us(Seat seat, TimeUs now_us, TimeUs max_delay_us);
+  /// So much of it is behind the fastest arrivals of the seat's stream.
+  TimeUs delay_us(Seat seat);
 
  private:
   struct Stream {

@@ -549,6 +549,7 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.format = present_.announced.format;
   info.key_rate_hz = present_.announced.key_rate_hz;
   info.world = present_.announced.world;
+  info.utc_us = present_.announced.utc_us;
   if (present_.next) info.next = *present_.next;
   info.profile = profile_of(watcher);
   info.rewind = rewind_;

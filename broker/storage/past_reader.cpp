@@ -252,6 +252,7 @@ void PastReader::add_newest(Passage& passage) {
     key.capture_us = origin_us_;
     after.age_us = std::min(slowed(after.age_us), origin_us_);
     control::Announce announced = decoder_->announcement();
+    announced.utc_us = bounded_time(bounded_time(announced.utc_us) + bounded_time(first_capture_us_ - origin_us_));
     if (speed_ > 0) announced.key_rate_hz = std::min(announced.key_rate_hz * speed_, 10'000.0);
     const auto velocity_us = std::clamp<TimeUs>(slowed(announced.format.velocity_us), 1, limits::kMaxVelocityUs);
     announced.format.velocity_us = static_cast<std::uint32_t>(velocity_us);

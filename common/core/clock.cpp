@@ -25,6 +25,11 @@ TimeUs steady_now_us() {
   return std::chrono::duration_cast<microseconds>(steady_clock::now().time_since_epoch()).count();
 }
 
+TimeUs unix_at_steady_zero_us() {
+  using std::chrono::system_clock, std::chrono::microseconds;
+  return std::chrono::duration_cast<microseconds>(system_clock::now().time_since_epoch()).count() - steady_now_us();
+}
+
 void sleep_on_time() {
   constexpr unsigned long kNanosecond = 1;
   (void)prctl(PR_SET_TIMERSLACK, kNanosecond, 0, 0, 0);  // A kernel that refuses sleeps as long as it did.

@@ -13,6 +13,9 @@ using TimeUs = std::int64_t;
 /// Now on CLOCK_MONOTONIC, which never steps and is the same for all processes of one machine. Thread-safe.
 TimeUs steady_now_us();
 
+/// Since 1970 (UTC), where that clock says 0. Thread-safe.
+TimeUs unix_at_steady_zero_us();
+
 /// A time from the network, held within 2,000 years, so that no sum of a few times overflows.
 inline TimeUs bounded_time(TimeUs time_us) {
   constexpr TimeUs kMaxTime = TimeUs{1} << 56;

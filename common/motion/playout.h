@@ -90,6 +90,7 @@ class Playout {
   double smoothness() const;
   /// At `now` the pose of now - lag_us is shown, but with kLatest; nothing: by the settings.
   void set_lag(std::optional<TimeUs> lag_us) { lag_us_ = lag_us; }
+  const std::optional<TimeUs>& lag_us() const { return lag_us_; }
   /// The least lag with which all poses of late would have been there in time. Nothing before the second pose.
   std::optional<TimeUs> needed_lag_us() const;
 

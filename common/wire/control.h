@@ -72,6 +72,7 @@ struct Announce {
   /// Of the surface of the present epoch, which goes on, its frames too, until the first frame of the new one. Answered
   /// once most viewers have its asset (see Prepared).
   bool continues = false;
+  TimeUs utc_us = 0;  ///< Since 1970, where its clock of capture times says 0.
   bool operator==(const Announce&) const = default;
 };
 
@@ -160,6 +161,7 @@ struct StreamInfo {
     bool operator==(const Rewind&) const = default;
   };
   std::optional<Rewind> rewind{};
+  TimeUs utc_us = 0;  ///< As Announce's; of the past: see utc_of().
 };
 
 std::string_view name_of(StreamInfo::State state);
@@ -281,6 +283,7 @@ struct Late {
 struct Moment {
   std::string stream;
   TimeUs lag_us = 0;
+  TimeUs delay_us = 0;  ///< So much of it is behind the fastest arrivals.
 };
 
 /// "leave", viewer to broker.
@@ -340,6 +343,12 @@ using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscrib
                              Prepared, Enter, Leave, Say, Floor, Room, Late, Moment, History, Seek>;
 
 }  // namespace control
+
+/// On the broker's clock, as in History, of a pose of a rewound stream.
+TimeUs moment_of(const control::StreamInfo::Rewind& rewind, TimeUs capture_us);
+
+/// When a pose of the stream was captured, since 1970; with a sender that does not say it, on its own clock.
+TimeUs utc_of(const control::StreamInfo& info, TimeUs capture_us);
 
 using ControlMessage = control::Message;
 

@@ -254,6 +254,7 @@ struct Describe {
     world(m);
     if (f.wants("resume", !m.resume.empty())) f.text("resume", m.resume);
     if (f.wants("continues", m.continues)) f.flag("continues", m.continues);
+    if (f.wants("utc_us", m.utc_us != 0)) f.time_difference("utc_us", m.utc_us);
   }
   void operator()(control::Announced& m) const {
     f.stream_name("stream", m.stream);
@@ -278,6 +279,7 @@ struct Describe {
   void operator()(control::Moment& m) const {
     f.stream_name("stream", m.stream);
     f.time_difference("lag_us", m.lag_us);
+    f.time_difference("delay_us", m.delay_us);
   }
   void operator()(control::Unsubscribe& m) const { f.stream_name("stream", m.stream); }
   void operator()(control::StreamInfo& m) const {
@@ -291,6 +293,7 @@ struct Describe {
     }
     profile(m.profile);
     world(m);
+    if (f.wants("utc_us", m.utc_us != 0)) f.time_difference("utc_us", m.utc_us);
     if (f.wants("next", m.next.has_value())) {
       if (f.reads()) m.next = control::StreamInfo::Next{};
       f.object("next", [&](Fields fields) {
@@ -556,6 +559,19 @@ Result<ControlMessage> control_from_text(std::string_view text) {
   std::visit(Describe{fields}, *message);
   if (error) return in_context(op, *error);
   return std::move(*message);
+}
+
+TimeUs moment_of(const control::StreamInfo::Rewind& rewind, TimeUs capture_us) {
+  constexpr double kFarUs = 1e18;  // Beyond what a broker that means well says.
+  const double since_us = static_cast<double>(capture_us - rewind.capture_us) * rewind.speed;
+  return rewind.at_us + std::llround(std::clamp(since_us, -kFarUs, kFarUs));
+}
+
+TimeUs utc_of(const control::StreamInfo& info, TimeUs capture_us) {
+  if (!info.rewind) return bounded_time(info.utc_us) + bounded_time(capture_us);
+  const control::StreamInfo::Rewind there{bounded_time(info.rewind->capture_us), info.rewind->capture_us,
+                                          info.rewind->speed};
+  return bounded_time(info.utc_us) + bounded_time(moment_of(there, capture_us));
 }
 
 std::string text_from_control(ControlMessage message) {

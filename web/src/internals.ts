@@ -30,4 +30,4 @@ export { linkOf, pageOf, placeOf } from './page/place.js';
 export { markUs, Rewinder, textFromBehind } from './page/past.js';
 export { nameFrom, pointFrom, RoomState } from './page/room.js';
 export { bannerOf } from './page/words.js';
-export { figureLines, textFromMode, timecodeOf } from './page/figures.js';
+export { figureLines, textFromMode, timecodeOf, utcOf } from './page/figures.js';

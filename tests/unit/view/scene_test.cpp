@@ -110,6 +110,50 @@ TEST(Scenes, StreamsWithoutWorldFormARow) {
   EXPECT_GT(stage.scene.facts().high[0] - stage.scene.facts().low[0], 6);
 }
 
+/// Of a broker of its own, which says how late its group is.
+class SyncedSource final : public FakeSource {
+ public:
+  SyncedSource() : FakeSource(sphere_asset(1)) {}
+  std::optional<SharedMoment> moment() const override { return moment_; }
+  void report_late(TimeUs needed_lag_us) override { late_us = needed_lag_us; }
+  std::optional<SharedMoment> moment_;
+  std::optional<TimeUs> late_us;
+};
+
+TEST(Scenes, StreamsOfSeveralBrokersAreAsLateAsTheLatestOfThem) {
+  SyncedSource near, far;
+  PoseSource* const sources[] = {&near, &far};
+  Scene scene({at(0, {0, 0, 0}), at(1, {3, 0, 0})},
+              {.playout = {.mode = PlayoutMode::kEstimate, .smoothness = 1}, .lod = 1});
+  const auto lag_of = [&](std::size_t i) { return scene.instances()[i].view.playout().lag_us(); };
+  // Poses of one sender's clock; the far ones come 100 ms later.
+  for (std::uint64_t k = 1; k < 6; ++k) {
+    const auto time_us = static_cast<TimeUs>(k) * 33'000;
+    ReceivedPose one = sphere_pose(near.asset_, k, time_us, 1), other = one;
+    one.arrival_us += 5'000;
+    other.arrival_us += 105'000;
+    scene.receive(0, near, {one});
+    scene.receive(1, far, {other});
+    scene.advance(sources, time_us + 105'000);
+  }
+  ASSERT_TRUE(near.late_us && far.late_us);
+  EXPECT_FALSE(lag_of(0)) << "no broker has said anything";
+  const TimeUs near_needs = *near.late_us, far_needs = *far.late_us;
+  EXPECT_EQ(far_needs, near_needs + 100'000);
+  // At both brokers poses arrive 5 ms after their capture; each knows its own viewers alone.
+  near.moment_ = {45'000, 40'000};
+  far.moment_ = {135'000, 130'000};
+  scene.advance(sources, 400'000);
+  EXPECT_EQ(lag_of(0), 135'000);
+  EXPECT_EQ(lag_of(1), 135'000);
+  EXPECT_EQ(near.late_us, far_needs) << "what this viewer needs, not what a broker says";
+  EXPECT_EQ(far.late_us, far_needs);
+  far.moment_.reset();
+  scene.advance(sources, 400'000);
+  EXPECT_EQ(lag_of(0), 45'000);
+  EXPECT_FALSE(lag_of(1)) << "it shows the past, or there is a new connection";
+}
+
 TEST(Scenes, TheBarycentreFollowsThePose) {
   Stage stage({sphere_asset(3)}, {at(0, {0, 0, 0})});
   stage.sources[0]->batches.push_back({sphere_pose(stage.sources[0]->asset_, 1, 1000, 0.7, 1.5)});

@@ -21,6 +21,8 @@ export interface StreamInfo {
   key_rate_hz?: number;
   /** 4 x 4 by columns: from the surface's coordinates to the scene's. */
   world?: number[];
+  /** Since 1970, where its sender's clock of capture times says 0: utcOf(). */
+  utc_us?: bigint;
   /** What the stream changes over to. */
   next?: { asset: string };
   /** What comes is of the past: the pose of capture time t is that of at_us + (t - capture_us) speed. */
@@ -60,6 +62,7 @@ export type Message =
 
 const MAX_BYTES = 65536, MAX_DEPTH = 8, MAX_TEXT = 4096, MAX_CHANNELS = 16, MAX_SCALAR = 1e30;
 const MAX_TIME = 2n ** 62n - 1n;
+const MAX_SPEED = 10;
 const BIG = '\u0001big:';
 const STATES = ['waiting', 'live', 'stalled'] as const;
 
@@ -186,6 +189,11 @@ export function assetOf(fields: Fields): string {
   return /^[0-9a-f]{64}$/.test(asset) ? asset : fields.wrong('asset', 'must be 64 lower-case hexadecimal digits');
 }
 
+/** Of an announced stream; 0n: its sender does not say it. */
+export function utcIn(fields: Fields): bigint {
+  return fields.big('utc_us', -MAX_TIME, MAX_TIME, 0n);
+}
+
 function streamOf(fields: Fields): Message {
   const state = fields.word('state', STATES);
   const info: { op: 'stream' } & StreamInfo = {
@@ -197,12 +205,17 @@ function streamOf(fields: Fields): Message {
     info.asset = assetOf(fields);
     info.format = formatOf(fields.object('format'));
     info.key_rate_hz = fields.number('key_rate_hz', 0, 10_000, 0);
+    info.utc_us = utcIn(fields);
   }
   if (fields.has('next')) {
     const next = fields.object('next');
     if (next.has('asset')) info.next = { asset: assetOf(next) };
   }
-  if (fields.has('rewind')) info.rewind = fields.json['rewind'] as NonNullable<StreamInfo['rewind']>;
+  if (fields.has('rewind')) {
+    const rewind = fields.object('rewind'), speed = rewind.number('speed', 0, MAX_SPEED);
+    if (speed > 0 && speed < 1 / MAX_SPEED) rewind.wrong('speed', `must be 0, or ${1 / MAX_SPEED} to ${MAX_SPEED}`);
+    info.rewind = { at_us: rewind.time('at_us'), capture_us: rewind.time('capture_us'), speed };
+  }
   if (fields.has('world')) {
     const world = fields.array('world', 16, 16);
     if (!world.every((value) => typeof value === 'number' || typeof value === 'bigint')) fields.wrong('world', 'must hold 16 numbers');

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+import type { StreamInfo } from '../client/control.js';
 import type { Profile } from '../client/profile.js';
 import type { Shown } from '../core/playout.js';
 
@@ -22,8 +23,8 @@ export interface Figures {
   faces: number;
   profile: Required<Profile> | undefined;
   shown: Shown;
-  /** Of what is shown, on the sender's clock. */
-  shownUs: bigint | undefined;
+  /** When what is shown was captured. */
+  utcUs: bigint | undefined;
   delayMs: number;
   workMs: number;
   load: number;
@@ -33,9 +34,14 @@ export interface Figures {
 }
 const DAY_US = 86_400_000_000n;
 
+/** When the pose of a capture time was captured, since 1970; with a sender that does not say it, on its own clock. */
+export function utcOf({ utc_us = 0n, rewind }: Pick<StreamInfo, 'utc_us' | 'rewind'>, captureUs: bigint): bigint {
+  return utc_us + (rewind ? rewind.capture_us + BigInt(Math.round(Number(captureUs - rewind.capture_us) * rewind.speed)) : captureUs);
+}
+
 /** Of a day, as the native client's. */
-export function timecodeOf(captureUs: bigint): string {
-  return new Date(Number((((captureUs % DAY_US) + DAY_US) % DAY_US) / 1000n)).toISOString().slice(11, 23);
+export function timecodeOf(utcUs: bigint): string {
+  return new Date(Number((((utcUs % DAY_US) + DAY_US) % DAY_US) / 1000n)).toISOString().slice(11, 23);
 }
 export function figureLines(f: Figures): string[] {
   const ms = (value: number): string => `${value < 10 ? value.toFixed(1) : Math.round(value)} ms`;
@@ -44,7 +50,7 @@ export function figureLines(f: Figures): string[] {
     `${Math.round(f.kbitPerS)} kbit/s · round trip ${f.roundTripMs === undefined ? 'not known yet' : ms(f.roundTripMs)}`,
     `LOD ${(f.verticesTotal === 0 ? 0 : f.vertices / f.verticesTotal).toFixed(2)} · ${commas(f.vertices)} of ${commas(f.verticesTotal)} vertices, ${f.faces === 0 ? 'points' : `${commas(f.faces)} faces`}`,
     f.profile ? textFromMode(f.profile) : '',
-    `${f.shown} · ${ms(f.delayMs)} held back${f.shownUs === undefined ? '' : ` · ${timecodeOf(f.shownUs)}`}`,
+    `${f.shown} · ${ms(f.delayMs)} held back${f.utcUs === undefined ? '' : ` · ${timecodeOf(f.utcUs)}`}`,
     // Over twice a picture's time: not even the fewest vertices would hold the rate.
     `${ms(f.workMs)} a picture · ${f.load > 2 ? 'out of reach here' : `${Math.round(100 * f.load)} % planned`}`,
     `bands ${f.bands} of ${f.bandsTotal} · rank ${f.rank}`,

@@ -2,7 +2,7 @@
 import type { Status } from '../client/subscription.js';
 import type { Stage } from '../view/stage.js';
 import type { View } from '../view/view.js';
-import { figureLines } from './figures.js';
+import { figureLines, utcOf } from './figures.js';
 import type { part } from './parts.js';
 
 const EVERY_MS = 500;
@@ -45,10 +45,11 @@ export class Hud {
     this.element.hidden = !facts || !status;
     if (!facts || !status) return;
     const perSecond = (name: keyof Counted): number => (1000 * (now[name] - before[name])) / Math.max(now.atMs - before.atMs, 1);
+    const isNew = live.surface?.epoch === info?.epoch, utcUs = info && live.shownUs !== undefined && isNew ? utcOf(info, live.shownUs) : undefined;
     const lines = figureLines({
       keysHz: perSecond('keys'), posesHz: perSecond('poses'), drawnHz: perSecond('drawn'), kbitPerS: (8 * perSecond('bytes')) / 1000,
       roundTripMs: status.clock && status.clock.roundTripUs / 1000, vertices: this.#view.vertices, verticesTotal: facts.vertexCount,
-      faces: this.#view.faces, profile: info?.profile, shown: live.shown, shownUs: live.shownUs, delayMs: live.delayUs / 1000, workMs: this.#stage.workMs,
+      faces: this.#view.faces, profile: info?.profile, shown: live.shown, utcUs, delayMs: live.delayUs / 1000, workMs: this.#stage.workMs,
       load: this.#stage.load, bands: bitsOf(live.bands), bandsTotal: facts.bandEnds.length, rank: facts.rank,
     });
     this.element.replaceChildren(...lines.map((line) => this.#part('li', {}, line)));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 import type { Stream } from '../client/client.js';
+import type { StreamInfo } from '../client/control.js';
 import { barOf, playerCommands, type Played } from '../recording/bar.js';
 import type { LiveSurface } from '../view/live_surface.js';
 import type { View } from '../view/view.js';
@@ -16,6 +17,7 @@ const TURN_MS = 50, ASK_MS = 1000, ANSWER_MS = 3000, LED_MS = 2000;
 const LIVE_US = 1_200_000, NEAR_US = 3_000_000;
 /** Followers who play need not be nearer. */
 const LED_US = 500_000;
+const MAX_SPANS = 64;
 const NOTHING = 'the broker keeps nothing of this stream, or its token may not see it again (rewind)';
 const STYLE = `
 .tools > .timeline { position: static; flex: 1 0 100%; max-width: 900px; display: flex; gap: 10px; align-items: center; padding: 4px 4px; border-radius: 10px; background: var(--card); }
@@ -46,6 +48,9 @@ interface Wanted {
   speed: number;
   next: boolean;
 }
+
+/** Whole microseconds since 1970, far from where numbers are exact no more. */
+const isTime = (value: unknown): value is number => Number.isSafeInteger(value) && (value as number) >= 0;
 
 /** "12.3 s behind live", "3:07 behind live", "1:02:07 behind live": as the native client says it. */
 export function textFromBehind(us: number): string {
@@ -174,9 +179,9 @@ export class Rewinder implements Played {
     }
     const { stream, now_us, spans, code, message } = said;
     if (stream !== this.#shows.info?.stream) return;
-    const all = (Array.isArray(spans) ? spans : []).map((one) => ({ fromUs: Number(Object(one).from_us), toUs: Number(Object(one).to_us) }));
-    this.spans = all.filter(({ fromUs, toUs }) => fromUs <= toUs);
-    if (Number.isFinite(now_us)) this.#heard = { nowUs: (this.nowUs = now_us as number), atMs: nowMs };
+    const all = (Array.isArray(spans) ? spans.slice(0, MAX_SPANS) : []).map((one) => ({ fromUs: Object(one).from_us as unknown, toUs: Object(one).to_us as unknown }));
+    this.spans = all.filter((span): span is Span => isTime(span.fromUs) && isTime(span.toUs) && span.fromUs <= span.toUs).sort((a, b) => a.fromUs - b.fromUs);
+    if (isTime(now_us)) this.#heard = { nowUs: (this.nowUs = now_us), atMs: nowMs };
     this.#why = code ? `${message} (${code})` : NOTHING;
     if (!code || !this.#asked) return;
     this.trouble = this.#why;
@@ -204,9 +209,9 @@ export class Rewinder implements Played {
     if (!this.#isBehind) this.led = undefined;
     else if (this.#sentMs === nowMs || nowMs - this.#ledMs >= LED_MS) [this.led, this.#ledMs] = [{ atUs: Math.round(this.atUs), speed: this.#told }, nowMs];
   }
-  #momentUs({ at_us, capture_us, speed }: { at_us: bigint | number; capture_us: bigint | number; speed: number }): number {
+  #momentUs({ at_us, capture_us, speed }: NonNullable<StreamInfo['rewind']>): number {
     const { info, live } = this.#shows, shownUs = live.surface?.epoch === info?.epoch ? live.shownUs : undefined;
-    return Number(at_us) + (shownUs === undefined ? 0 : Number(shownUs - BigInt(capture_us)) * speed);
+    return Number(at_us) + (shownUs === undefined ? 0 : Number(shownUs - capture_us) * speed);
   }
   #follow(nowMs: number): void {
     const { info } = this.#shows, showsPast = info?.rewind !== undefined;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 import { Frames } from '../core/frames.js';
 import { EigencastError, type Core } from '../core/module.js';
-import { assetOf, formatOf, readControl, type Fields, type StreamInfo } from '../client/control.js';
+import { assetOf, formatOf, readControl, utcIn, type Fields, type StreamInfo } from '../client/control.js';
 import type { Environment } from '../client/environment.js';
 import type { ToPage } from '../client/protocol.js';
 import { Session } from '../client/session.js';
@@ -23,11 +23,11 @@ const COUNTS = { keys: 0, synthetic: 0, joins: 0, rejected: 0, missed: 0 };
 /** A capture time counts from an earlier one where both lie as far apart as their arrivals, but for so much: sdk/recorded_clip.cpp. */
 const JITTER_US = 1_000_000;
 
-type Announce = Required<Pick<StreamInfo, 'asset' | 'format' | 'key_rate_hz'>> & { world?: number[]; op: 'announce' };
+type Announce = Required<Pick<StreamInfo, 'asset' | 'format' | 'key_rate_hz' | 'utc_us'>> & { world?: number[]; op: 'announce' };
 const READERS = {
   announce: (f: Fields): Announce => {
     return {
-      op: 'announce', asset: assetOf(f), format: formatOf(f.object('format')), key_rate_hz: f.number('key_rate_hz', 0, 10_000, 0),
+      op: 'announce', asset: assetOf(f), format: formatOf(f.object('format')), key_rate_hz: f.number('key_rate_hz', 0, 10_000, 0), utc_us: utcIn(f),
       ...(f.has('world') ? { world: f.array('world', 16, 16).map(Number) } : {}),
     };
   },
@@ -41,6 +41,8 @@ export class RecordedStream {
   readonly #frames: Frames;
   #info: StreamInfo | undefined;
   #announced = -1;
+  /** As announced. */
+  #utcUs = 0n;
   #surfaceCame = (): void => {};
   #asked = 0;
   #seek: number | undefined;
@@ -117,6 +119,7 @@ export class RecordedStream {
   async #announce(offset: number): Promise<void> {
     const record = await this.#reader.at(offset), text = record?.type === 'announce' ? new TextDecoder().decode(record.body) : '';
     const { op, ...announce } = readControl(text, READERS) ?? refuse('the recorded announcement is none');
+    this.#utcUs = announce.utc_us;
     const following = await this.#reader.at(record!.end), before = this.#info, profile = { rate: 'raw', k: 3, scheme: 'linear', bands: 8 } as const;
     if (!before || !isSame(before, announce)) {
       const info = (this.#info = { stream: this.#reader.stream, state: 'live', stream_id: 0, tag: 0, epoch: (before?.epoch ?? 0) + 1, profile, ...announce });
@@ -145,6 +148,8 @@ export class RecordedStream {
     const captureUs = Number(shownUs), smooth = this.#anchor && this.#anchor.timeUs + captureUs - this.#anchor.captureUs;
     const at = smooth !== undefined && Math.abs(smooth - timeUs) < JITTER_US ? smooth : timeUs;
     if (at === timeUs) this.#anchor = { captureUs, timeUs };
+    const utc_us = this.#utcUs + shownUs - BigInt(at);  // Capture times are here positions.
+    if (info.utc_us !== utc_us) this.#observer.onInfo((this.#info = { ...info, utc_us }));
     const { channels, band_ends } = info.format!, { rank } = reader.facts;
     if (channels < 3 || coefficients.length < rank * channels) return;
     const pose: Pose = {

@@ -3,7 +3,8 @@
 // The client with a real broker and a real sender, whose programs are in the folder EIGENCAST_BIN; by a worker, too.
 import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
-import { existsSync, readFileSync, writeFileSync } from 'node:fs';
+import { existsSync, readFileSync, readdirSync, writeFileSync } from 'node:fs';
+import { connect as connectTo, createServer } from 'node:net';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 import { pathToFileURL } from 'node:url';
@@ -164,6 +165,66 @@ test('AGroupShowsOneMomentAsLateAsItsSlowest', async () => {
       broker.close();
       playing.free();
     }
+  }
+});
+
+/** A way to a broker on which all takes so long, either way. */
+function lateWay(port, lateMs) {
+  const server = createServer((near) => {
+    const far = connectTo(port, '127.0.0.1');
+    for (const [from, to] of [[near, far], [far, near]]) {
+      from.on('data', (bytes) => setTimeout(() => to.writable && to.write(bytes), lateMs));
+      from.on('close', () => to.destroy()).on('error', () => {});
+    }
+  });
+  return new Promise((resolve) => server.listen(0, '127.0.0.1', () => resolve(server)));
+}
+
+test('APoseHasOneTimecodeLiveInThePastAndRecorded', { skip: !existsSync(join(BIN, 'eigencast-client')) && 'no eigencast-client' }, async () => {
+  const broker = await startBroker(0, '--history-streams=**', '--recording-streams=**', '--recording-include-asset=true'), url = urlOf(broker, '/lab/heart');
+  const playing = startSender(broker, 'lab/heart');
+  /** Poses as they were sent: when each was captured, by its coefficients. */
+  const seen = async (name, ...what) => {
+    const shown = join(programs.folder, `timecode-${name}.jsonl`), viewer = programs.start('eigencast-client', ...what, '--headless', '--size=64x48', `--record-shown=${shown}`, '--wait=150');
+    const poses = () => (existsSync(shown) ? readFileSync(shown, 'utf8').split('\n').slice(0, -1) : []).map((line) => JSON.parse(line)).filter((one) => one.shown === 'live' && !one.settling && one.utc_us !== null);
+    try {
+      await until(() => poses().length > 60, `poses ${name}`, 150_000);
+    } finally {
+      await viewer.stop();
+    }
+    const by = new Map();
+    for (const { coefficients, utc_us } of poses()) by.set(String(coefficients), [...(by.get(String(coefficients)) ?? []), utc_us]);
+    return by;
+  };
+  const live = await seen('live', url, '--rate=raw'), [first] = [...live.values()].flat();
+  assert.ok(Math.abs(first / 1000 - Date.now()) < 200_000, 'UTC');
+  const isNear = (a, b) => Math.abs(a - b) <= 2;  // At half the speed times are rounded.
+  const same = (other) => [...other].filter(([coefficients, times]) => times.some((us) => live.get(coefficients)?.some((one) => isNear(us, one)))).length;
+  const past = await seen('past', url, '--rate=raw', '--ago=4', '--speed=0.5');
+  playing.kill();
+  await playing.ended;
+  await broker.stop();
+  const folder = join(broker.data, 'recordings'), recorded = await seen('recorded', join(folder, readdirSync(folder)[0]));
+  for (const [name, other] of Object.entries({ past, recorded })) assert.ok(same(other) > 20, `${name}: ${same(other)} of ${other.size} poses have their live timecode, ${live.size} were seen`);
+});
+
+test('StreamsOfSeveralBrokersShowOneMoment', { skip: !existsSync(join(BIN, 'eigencast-client')) && 'no eigencast-client' }, async () => {
+  const LATE_MS = 60, other = await programs.broker(), way = await lateWay(other.port, LATE_MS), shown = join(programs.folder, 'brokers.jsonl');
+  programs.sender(other, 'lab/heart', 'heart', '--rank', '24');
+  const native = programs.start('eigencast-client', urlOf(shared, '/lab/heart'), `http://127.0.0.1:${way.address().port}/lab/heart`, '--headless', '--size=64x48', '--rate=raw', '--sync=brokers', `--record-shown=${shown}`, '--wait=150');
+  /** How late each surface is, in the last pictures of both. */
+  const last = () => {
+    const by = new Map(), lines = existsSync(shown) ? readFileSync(shown, 'utf8').split('\n').slice(-60, -1) : [];
+    for (const { surface, drawn_us, capture_us } of lines.filter((line) => line !== '').map((line) => JSON.parse(line))) by.set(drawn_us, { ...by.get(drawn_us), [surface]: drawn_us - capture_us });
+    return [...by.values()].filter((one) => 0 in one && 1 in one);
+  };
+  try {
+    // Of a broker that is near as much is held back as the way to the other takes.
+    await until(() => last().length > 20 && last().every((late) => Math.abs(late[0] - late[1]) < 8_000 && late[0] > 0.9 * 1000 * LATE_MS), 'the same moment', 150_000);
+  } finally {
+    await native.stop();
+    way.close();
+    await other.stop();
   }
 });
 

@@ -37,7 +37,7 @@ export class Programs {
     const file = join(this.folder, `port${++this.#names}`), data = join(this.folder, `data${this.#names}`);
     const process = this.start('eigencast-broker', `--listen=127.0.0.1:${port}`, '--admin-listen=127.0.0.1:0', `--port-file=${file}`, `--data-dir=${data}`, '--log-level=error', ...more);
     const text = await until(() => existsSync(file) && /\n$/.test(readFileSync(file, 'utf8')) && readFileSync(file, 'utf8'), 'the port of the broker');
-    return { ...process, stop: process.stop, port: Number(text.split(/\s/)[0]) };
+    return { ...process, stop: process.stop, port: Number(text.split(/\s/)[0]), data };
   }
   /** what: an input of `play`, and its options. */
   sender(broker, name, ...what) {

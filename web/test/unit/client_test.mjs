@@ -583,6 +583,13 @@ test('ScalarChannelsAreReadAndChecked', () => {
     assert.throws(() => read(wrong), { code: 'corrupt' }, JSON.stringify(wrong));
 });
 
+test('WhereAPastIsIsChecked', () => {
+  const read = (rewind) => readControl(JSON.stringify(live({ rewind }))).rewind, good = { at_us: 1_800_000_000_000_000, capture_us: 17, speed: 0.5 };
+  assert.deepEqual(read(good), { at_us: 1_800_000_000_000_000n, capture_us: 17n, speed: 0.5 });
+  for (const wrong of [7, null, {}, { at_us: 'x' }, { at_us: -1 }, { at_us: 0.5 }, { capture_us: 2 ** 62 }, { speed: 11 }, { speed: 0.05 }, { speed: 'x' }])
+    assert.throws(() => read(Object(wrong) === wrong && Object.keys(wrong).length > 0 ? { ...good, ...wrong } : wrong), { code: 'corrupt' }, JSON.stringify(wrong));
+});
+
 test('NumbersAreReadToTheLastDigitOutsideStringsAlone', () => {
   const read = (id) => readControl(`{"op":"ping","id":${id},"time_us":1}`).id;
   assert.equal(read('18446744073709551615'), 2n ** 64n - 1n);

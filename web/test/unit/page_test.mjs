@@ -7,7 +7,7 @@ import { gzipSync } from 'node:zlib';
 import { essl } from '../../shaders.mjs';
 import { BUILD, internals } from './support.mjs';
 
-const { bannerOf, Camera, checkedGroup, figureLines, History, inStep, linkOf, nameFrom, NumberPainter, otherTime, pageOf, pick, placeOf, pointFrom, positionsOf, RoomState, roundUp, tableOf, textFromMode, tileWidth, timecodeOf } = internals;
+const { bannerOf, Camera, checkedGroup, figureLines, History, inStep, linkOf, nameFrom, NumberPainter, otherTime, pageOf, pick, placeOf, pointFrom, positionsOf, RoomState, roundUp, tableOf, textFromMode, tileWidth, timecodeOf, utcOf } = internals;
 const near = (a, b, within = 1e-9) => assert.ok(a.every((value, i) => Math.abs(value - b[i]) <= within), `${a} against ${b}`);
 
 test('PageAndCodeTakeAtMost100Kilobytes', () => {
@@ -234,11 +234,13 @@ test('WordsAreThoseOfTheNativeClient', () => {
   assert.equal(textFromMode({ ...profile, rate: 'estimated', scheme: 'damped' }), 'estimated x3 damped');
   const lines = figureLines({
     keysHz: 30, posesHz: 90, drawnHz: 59.9, kbitPerS: 412, roundTripMs: 3.24, vertices: 4096, verticesTotal: 42321, faces: 8190, profile, shown: 'interpolated',
-    shownUs: -1_000n, delayMs: 12, workMs: 3.2, load: 0.4, bands: 3, bandsTotal: 4, rank: 200,
+    utcUs: -1_000n, delayMs: 12, workMs: 3.2, load: 0.4, bands: 3, bandsTotal: 4, rank: 200,
   });
   assert.equal(lines[0], '30 keys/s · 90 poses/s · 60 drawn/s');
   assert.match(lines[4], /12 ms held back · 23:59:59.999$/);
   assert.equal(timecodeOf(86_400_000_000n * 3n + 3_723_004_000n), '01:02:03.004');
+  assert.equal(utcOf({ utc_us: 100n }, 7n), 107n);
+  assert.equal(utcOf({ utc_us: 100n, rewind: { at_us: 1n, capture_us: 10n, speed: 0.5 } }, 14n), 112n);
   assert.equal(lines[2], 'LOD 0.10 · 4,096 of 42,321 vertices, 8,190 faces');
 });
 

@@ -22,7 +22,7 @@ function desk({ keeps = true } = {}) {
     seeks: () => sent.filter(({ op }) => op === 'seek'),
     asked: () => sent.filter(({ op }) => op === 'history').length,
     presents: () => presents,
-    answer: (atUs) => (shows.info = { ...shows.info, epoch: ++epoch, rewind: { at_us: BigInt(atUs), capture_us: 5000, speed: made.seeks().at(-1).speed } }),
+    answer: (atUs) => (shows.info = { ...shows.info, epoch: ++epoch, rewind: { at_us: BigInt(atUs), capture_us: 5000n, speed: made.seeks().at(-1).speed } }),
     live: () => (shows.info = { stream: 'lab/horse', epoch: 1 }),
     nowUs: () => BROKER_US + 1000 * (nowMs - 1000),
   };
@@ -140,7 +140,7 @@ test('FollowersGoWhereTheyAreNot', () => {
 test('HostileHistoriesAreTakenForNone', () => {
   const d = desk();
   d.rewinder.hear('{"op":"history",', 0);
-  for (const spans of [null, 7, [7], [null], [{}], [{ from_us: 'x', to_us: 1 }], [{ from_us: 2, to_us: 1 }]]) {
+  for (const spans of [null, 7, [7], [null], [{}], [{ from_us: 'x', to_us: 1 }], [{ from_us: 2, to_us: 1 }], [{ from_us: -1, to_us: 1 }], [{ from_us: 0.5, to_us: 1 }], [{ from_us: 0, to_us: 1e300 }]]) {
     d.hear({ spans });
     assert.ok(!d.rewinder.hasPast, JSON.stringify(spans));
     d.turn();

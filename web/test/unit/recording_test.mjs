@@ -53,7 +53,7 @@ const { rank, bandEnds } = (() => {
   return facts;
 })();
 const format = { rows: rank, channels: 3, band_ends: bandEnds, codec: 'float64' };
-const announcement = Buffer.from(JSON.stringify({ op: 'announce', asset, format, key_rate_hz: 10 }));
+const announcement = Buffer.from(JSON.stringify({ op: 'announce', asset, format, key_rate_hz: 10, utc_us: 7_000_000 }));
 
 /** Ten poses a second, pose f with f everywhere, from `begins` on the sender's clock; a checkpoint a second. Of it two senders. */
 function recording(seconds = 3, { holds = true } = {}) {
@@ -179,7 +179,16 @@ test('PosesOfAnyTimeComeAsTheirSenderHadThem', async () => {
   assert.deepEqual((await read(1_600_000, 1_700_000)).poses.map(([f]) => f), [15, 16, 17], 'behind another announcement');
   assert.deepEqual((await read(100_000, 200_000)).poses.map(([f]) => f), [0, 1, 2]);
   assert.ok((await read(2_800_000, 9_000_000)).isDone, 'beyond its end');
-  assert.equal(said.filter(({ op }) => op === 'info').length, 1, 'the surface stayed the same');
+  const infos = said.filter(({ op }) => op === 'info').map(({ info }) => info);
+  assert.deepEqual([...new Set(infos.map(({ epoch }) => epoch))], [1], 'the surface stayed the same');
+  const timecodes = new Map();
+  let utcUs;
+  for (const { op, info, pose } of said) {
+    if (op === 'info') utcUs = info.utc_us;
+    if (op === 'pose') timecodes.set(pose.coefficients[0], (timecodes.get(pose.coefficients[0]) ?? new Set()).add(pose.captureUs + utcUs));
+  }
+  const [[, [begunUs]]] = timecodes;
+  for (const [f, times] of timecodes) assert.deepEqual([...times], [begunUs + BigInt(100_000 * f)], `of pose ${f}, from wherever it is read`);
   const { surface } = said.filter(({ op }) => op === 'surface').at(-1);
   assert.equal(surface.asset, asset);
   end();

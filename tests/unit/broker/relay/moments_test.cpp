@@ -22,6 +22,8 @@ TEST(MomentsTest, AGroupIsAsLateAsTheViewerThatNeedsMost) {
   moments.report(far, "who", 111'000, kSecond);
   EXPECT_EQ(moments.lag_us(near, kSecond, kMost), 111'000);
   EXPECT_EQ(moments.lag_us(far, kSecond, kMost), 111'000);
+  EXPECT_EQ(moments.delay_us(near), 110'000) << "behind the fastest arrival";
+  EXPECT_EQ(moments.delay_us(99), 0) << "who is gone";
 }
 
 TEST(MomentsTest, TheBoundLeavesTooSlowAndFalseOnesBehind) {

@@ -51,6 +51,7 @@ class HistoryTest : public ::testing::Test {
   void announce(const std::string& asset = std::string(64, 'a')) {
     control::Announce announce = small_announce();
     announce.asset = asset;
+    announce.utc_us = kUtcUs;
     sender_.begin_anew();
     ASSERT_TRUE(stream_->announce(announce, ++epoch_));
     sender_.tag = stream_->tag();
@@ -95,6 +96,7 @@ class HistoryTest : public ::testing::Test {
   std::unique_ptr<Stream> stream_;
   FakeSender sender_;
   const PosesCharge free_ = [](auto segment) { return Result(std::move(segment)); };
+  static constexpr TimeUs kUtcUs = 1'800'000'000'000'000 - kSendersClock;
   std::uint32_t epoch_ = 0;
   TimeUs first_us_ = 0, now_us_ = 0;
 };
@@ -126,6 +128,13 @@ TEST_F(HistoryTest, EveryMomentIsFoundAndPlaysOnFromFileToFile) {
   const auto found = reader.seek({"lab/horse", at(first_us_), false, 0.5}, 1000);
   ASSERT_TRUE(found);
   KeyRecordPtr last = found->poses[0].key;
+  control::StreamInfo past;
+  past.utc_us = found->begins->announced.utc_us;
+  past.rewind = found->begins->rewind;
+  const auto live_timecode = [&](std::uint64_t sequence) {
+    return kUtcUs + kSendersClock + first_us_ + static_cast<TimeUs>(sequence) * kEvery;
+  };
+  EXPECT_EQ(utc_of(past, last->capture_us), live_timecode(0));
   while (last->sequence + 1 < kKeys) {
     const auto more = reader.go_on(at(end_us) + kMinute);
     ASSERT_TRUE(more) << more.error().message;
@@ -137,6 +146,7 @@ TEST_F(HistoryTest, EveryMomentIsFoundAndPlaysOnFromFileToFile) {
       EXPECT_EQ(pose.key->after->age_us, pose.key->capture_us - last->capture_us);
       EXPECT_NEAR(static_cast<double>(pose.key->capture_us - last->capture_us), 2.0 * kEvery, 2);
       last = pose.key;
+      EXPECT_NEAR(static_cast<double>(utc_of(past, last->capture_us) - live_timecode(last->sequence)), 0, 1);
     }
   }
 }
