@@ -180,11 +180,11 @@ void PlanMargin::add(double ratio) {
 double PlanMargin::wanted() const {
   if (ratios_.size() < kMinFrames) return fill_;
   const double late = ranked(ratios_, ratios_.size() * 19 / 20), early = ranked(ratios_, ratios_.size() / 20);
-  return std::min(std::max(kEdge * deadline_ / late, kUsed / early), 1.0);
+  return std::min(std::max(kEdge * deadline_ / late, used_ / early), 1.0);
 }
 
 BudgetResolver::BudgetResolver(const Settings& settings)
-    : settings_(settings), slope_(settings.start_cost), margin_(settings.deadline) {}
+    : settings_(settings), slope_(settings.start_cost), margin_(settings.deadline, settings.used) {}
 
 void BudgetResolver::learn(double seconds, double max_cost) {
   constexpr int kFirst = 8;  // predict nothing

@@ -120,17 +120,17 @@ class DriftingValue {
   std::vector<double> differences_;  ///< Of one measurement to the next.
 };
 
-/// The part of a frame's time to plan for: so that 19 of 20 frames meet the deadline, and 19 of 20 use kUsed of it. Of
+/// The part of a frame's time to plan for: so that 19 of 20 frames meet the deadline, and 19 of 20 use `used` of it. Of
 /// noise that leaves no such part the second holds. It changes slowly, so that levels stay.
 class PlanMargin {
  public:
-  static constexpr std::size_t kWindow = 64;     ///< Frames.
-  static constexpr std::size_t kMinFrames = 16;  ///< Fewer give no statistics.
-  static constexpr double kEdge = 0.97;          ///< Upper bound, of the deadline.
-  static constexpr double kUsed = 0.83;
+  static constexpr std::size_t kWindow = 64;            ///< Frames.
+  static constexpr std::size_t kMinFrames = 16;         ///< Fewer give no statistics.
+  static constexpr double kEdge = 0.97;                 ///< Upper bound, of the deadline.
   static constexpr double kFall = 0.01, kRise = 0.004;  ///< Largest change by a frame.
 
-  explicit PlanMargin(double deadline) : deadline_(deadline), fill_(std::min(kEdge * deadline / 1.05, 1.0)) {}
+  PlanMargin(double deadline, double used)
+      : deadline_(deadline), used_(used), fill_(std::min(kEdge * deadline / 1.05, 1.0)) {}
   /// ratio: the time of a frame over its prediction; > 0.
   void add(double ratio);
   double fill() const { return fill_; }
@@ -138,7 +138,7 @@ class PlanMargin {
  private:
   double wanted() const;
 
-  double deadline_, fill_;
+  double deadline_, used_, fill_;
   std::vector<double> ratios_;
 };
 
@@ -165,6 +165,7 @@ class BudgetResolver final : public LodResolver {
   struct Settings {
     double f0 = 60;            ///< Wanted frames per second.
     double deadline = 1;       ///< In times of 1 / f0: see PlanMargin.
+    double used = 0.83;        ///< Likewise.
     double start_cost = 1e-7;  ///< Seconds per vertex, before the first measurement.
   };
 

@@ -282,8 +282,9 @@ TEST(DriftingValue, FollowsDriftAndJumpsButNoSpike) {
 }
 
 TEST(PlanMargin, LeavesWhatTheNoiseNeeds) {
-  const auto fill = [](double deadline, double noise) {
-    PlanMargin margin(deadline);
+  constexpr double kUsed = 0.83;
+  const auto fill = [](double deadline, double noise, double used = 0.83) {
+    PlanMargin margin(deadline, used);
     std::mt19937 random(3);
     std::normal_distribution<double> normal(0, noise);
     for (int i = 0; i < 200; ++i) margin.add(std::exp(normal(random)));
@@ -291,11 +292,12 @@ TEST(PlanMargin, LeavesWhatTheNoiseNeeds) {
   };
   EXPECT_NEAR(fill(1, 1e-6), PlanMargin::kEdge, 1e-4);
   EXPECT_NEAR(fill(1, 0.03), PlanMargin::kEdge / std::exp(1.645 * 0.03), 0.02);
-  EXPECT_NEAR(fill(1, 0.06), PlanMargin::kUsed * std::exp(1.645 * 0.06), 0.03);
+  EXPECT_NEAR(fill(1, 0.06), kUsed * std::exp(1.645 * 0.06), 0.03);
   EXPECT_DOUBLE_EQ(fill(1, 0.5), 1) << "beside so much noise being in time gives way to using the time";
-  EXPECT_NEAR(fill(1, 0.1), PlanMargin::kUsed * std::exp(1.645 * 0.1), 0.04);
+  EXPECT_NEAR(fill(1, 0.1), kUsed * std::exp(1.645 * 0.1), 0.04);
   EXPECT_DOUBLE_EQ(fill(1.25, 0.06), 1) << "so much noise fits in a quarter";
-  PlanMargin margin(1);
+  EXPECT_NEAR(fill(1, 0.1, 0.75), 0.75 * std::exp(1.645 * 0.1), 0.04) << "being in time goes before";
+  PlanMargin margin(1, kUsed);
   const double before = margin.fill();
   for (std::size_t i = 1; i < PlanMargin::kMinFrames; ++i) margin.add(3);
   EXPECT_EQ(margin.fill(), before) << "of few frames nothing is learnt";
