@@ -202,12 +202,17 @@ ClipSource::Shown ClipSource::shown_at(TimeUs now_us) const {
   return {moment.lap, timeline_->times_us()[timeline_->frame_at(moment.position_us)]};
 }
 
-/// Of what is shown, which came last. A clip's time goes on between its poses.
+/// Of what is shown, which came last.
 TimeUs ClipSource::utc_us(TimeUs /*capture_us*/) const {
   const TimeUs position_us = shown_ ? shown_->position_us : 0;
   if (clip_->utc_us.empty()) return position_us;
+  const std::vector<TimeUs>&times = clip_->times_us, &utc = clip_->utc_us;
   const std::size_t frame = timeline_->frame_at(position_us);
-  return clip_->utc_us[frame] + position_us - clip_->times_us[frame];
+  const double since_us = static_cast<double>(position_us - times[frame]);
+  if (frame + 1 == times.size()) return utc[frame] + std::llround(since_us);
+  // A past was played at another speed.
+  const double pace = static_cast<double>(utc[frame + 1] - utc[frame]) / static_cast<double>(times[frame + 1] - times[frame]);
+  return utc[frame] + std::llround(pace * since_us);
 }
 
 std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {

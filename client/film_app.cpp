@@ -2,6 +2,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
 #include "client/apps.h"
@@ -21,6 +22,7 @@ namespace eigencast {
 namespace {
 
 constexpr TimeUs kLatestPoseUs = 1'000'000;  // after the film's time the last pose is no longer on its way
+constexpr TimeUs kPastUs = 10'000'000;      // in which a broker answers
 constexpr double kFullTurn = 6.283185307179586;
 
 /// All clips are opened and all streams kept before the first picture, so that drawing may take as long as it takes.
@@ -123,6 +125,12 @@ class Film {
         return fail(ErrorCode::kTimeout,
                     patience.fate_of(options_.scene.streams[captured_.front()], sources.front()->stats().detail));
     }
+    if (options_.ago_s > 0) {
+      if (const auto gone = go_back(sources, take); !gone) return gone;
+      while (!all([](const StreamCapture& each) { return !each.is_empty(); })) {
+        if (const auto taken = take(); !taken) return taken;
+      }
+    }
     for (StreamCapture& each : captures) each.begin();
     const auto wanted_us = static_cast<TimeUs>(1e6 * wanted_seconds());
     const TimeUs start = steady_now_us();
@@ -138,10 +146,40 @@ class Film {
     if (lost_) {
       captured_us_ = std::max<TimeUs>(length_us, 1);
       log(log_, LogLevel::kError,
-          formatted("a sender or broker went after %.1f of %.1f s: the film ends there",
+          formatted("a sender or broker went, or what is kept ended, after %.1f of %.1f s: the film ends there",
                     static_cast<double>(length_us) / 1e6, wanted_seconds()));
     }
     for (std::size_t i = 0; i < captures.size(); ++i) play(captured_[i], captures[i].clip(), false);
+    return {};
+  }
+
+  /// To what the brokers keep of all streams, --ago seconds ago; until that comes.
+  Result<void> go_back(std::span<PoseSource* const> sources, const std::function<Result<void>()>& take) {
+    const auto is_there = [](const PoseSource* source) {
+      return source->info() && source->info()->rewind && source->info()->epoch == source->epoch();
+    };
+    const auto has_past = [](PoseSource* source) {
+      const auto kept = source->rewind() != nullptr ? source->rewind()->kept() : std::nullopt;
+      return kept && !kept->spans.empty();
+    };
+    for (PoseSource* source : sources) {
+      if (source->rewind() != nullptr) source->rewind()->ask_kept();
+    }
+    const TimeUs start_us = steady_now_us();
+    for (bool sought = false; !std::all_of(sources.begin(), sources.end(), is_there);) {
+      if (const auto taken = take(); !taken) return taken;
+      for (PoseSource* source : sources) {
+        const auto kept = source->rewind() != nullptr ? source->rewind()->kept() : std::nullopt;
+        if (kept && !kept->trouble.empty()) return fail(ErrorCode::kNotFound, "--ago: " + kept->trouble);
+      }
+      if (steady_now_us() - start_us > kPastUs)
+        return fail(ErrorCode::kTimeout, "--ago: a broker keeps nothing of its stream, or does not show it again");
+      if (sought || !std::all_of(sources.begin(), sources.end(), has_past)) continue;
+      sought = true;
+      const TimeUs now_us = sources.front()->rewind()->kept()->now_at(steady_now_us());
+      const auto at_us = now_us - static_cast<TimeUs>(1e6 * options_.ago_s);
+      for (PoseSource* source : sources) source->rewind()->seek(std::max<TimeUs>(0, at_us), options_.speed);
+    }
     return {};
   }
 

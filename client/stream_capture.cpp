@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "sdk/transfer.h"
+
 namespace eigencast {
 
 bool has_whole_surface(const PoseSource& source) {
@@ -18,7 +20,7 @@ bool StreamCapture::has_surface() const {
 
 bool StreamCapture::is_lost() const {
   const Subscriber::State state = source_.stats().state;
-  return state != Subscriber::State::kLive && state != Subscriber::State::kDownloading;
+  return ended_ || (state != Subscriber::State::kLive && state != Subscriber::State::kDownloading);
 }
 
 void StreamCapture::begin() {
@@ -36,14 +38,18 @@ Result<void> StreamCapture::take(std::chrono::milliseconds timeout) {
     if (pose.envelope.kind == FrameKind::kEstimate) continue;
     const TimeUs time_us = pose.envelope.capture_us;
     // A sender that comes back is another epoch, and may have set its clock.
-    if (info_ && source_.info() && source_.info()->epoch != info_->epoch) {
-      if (source_.info()->asset != info_->asset || pose.coefficients.size() != frames_.back().size())
-        return fail(ErrorCode::kUnsupported, info_->stream + ": the sender came back with another surface");
-      info_->epoch = source_.info()->epoch;
+    const auto& info = source_.info();
+    if (info_ && info && info->epoch != info_->epoch && info->epoch == source_.epoch()) {
+      if (const auto changed = change_over(*info); !changed) return changed;
     }
+    if (ended_) return {};
     if (!times_us_.empty() && time_us <= times_us_.back()) continue;
     if (pose.channels < 3 || pose.coefficients.size() != std::size_t{source_.asset()->rank} * pose.channels) continue;
-    if (!info_) info_ = source_.info();
+    if (!info_) {
+      info_ = source_.info();
+      asset_ = *source_.asset();
+    }
+    channels_ = pose.channels;
     if (!frames_.empty() && pose.coefficients.size() != frames_.back().size()) continue;
     bytes_ += pose.coefficients.size() * sizeof(double);
     if (bytes_ > kMaxBytes)
@@ -55,9 +61,35 @@ Result<void> StreamCapture::take(std::chrono::milliseconds timeout) {
   return {};
 }
 
+Result<void> StreamCapture::change_over(const control::StreamInfo& info) {
+  if (info_->rewind.has_value() != info.rewind.has_value()) {
+    ended_ = info_->rewind.has_value();
+    if (ended_) return {};
+    frames_.clear();
+    times_us_.clear();
+    utc_us_.clear();
+    bytes_ = 0;
+    info_.reset();
+    return {};
+  }
+  const bool goes_on = info.asset != info_->asset;
+  const auto transfer = goes_on ? Transfer::between(asset_, *source_.asset()) : std::nullopt;
+  if ((goes_on && !transfer) || info.format.channels != info_->format.channels)
+    return fail(ErrorCode::kUnsupported, info_->stream + ": the sender came back with another surface");
+  info_ = info;
+  if (!transfer) return {};
+  asset_ = *source_.asset();
+  bytes_ = 0;
+  for (std::vector<double>& C : frames_) {
+    C = transfer->apply(C, channels_);
+    bytes_ += C.size() * sizeof(double);
+  }
+  return {};
+}
+
 std::shared_ptr<const BakedClip> StreamCapture::clip() {
   auto clip = std::make_shared<BakedClip>();
-  clip->asset = *source_.asset();
+  clip->asset = std::move(asset_);
   clip->info = info_;
   if (info_) {
     clip->name = info_->stream;

@@ -21,13 +21,13 @@ class StreamCapture {
   bool has_surface() const;
   /// Forgets what it has but the newest pose, which the capture begins with: several begin at one time.
   void begin();
-  /// Takes what has come, waiting at most `timeout`. Errors: kTooLarge (kMaxBytes), kUnsupported (the sender came back
-  /// with another surface).
+  /// Takes what has come; of a past that begins that alone, from there; waiting at most `timeout`. Errors: kTooLarge (kMaxBytes), kUnsupported (the sender came back
+  /// with another surface). Where it goes on in another basis all poses are in the last one.
   Result<void> take(std::chrono::milliseconds timeout);
   /// From the first to the last pose that it has.
   TimeUs length_us() const { return times_us_.empty() ? 0 : times_us_.back() - times_us_.front(); }
   bool is_empty() const { return frames_.empty(); }
-  /// The sender or the broker is gone.
+  /// The sender or the broker is gone, or the past that was shown has come to its end.
   bool is_lost() const;
 
   /// The clip of what was taken, without a loop's seam. REQUIRES: has_surface(), not is_empty().
@@ -37,8 +37,13 @@ class StreamCapture {
   PoseSource& source_;
   std::vector<std::vector<double>> frames_;
   std::vector<TimeUs> times_us_, utc_us_;  ///< Capture times.
+  Result<void> change_over(const control::StreamInfo& info);
+
   std::optional<control::StreamInfo> info_;
+  Asset asset_;  ///< Whose poses the frames are.
+  std::uint32_t channels_ = 3;
   std::size_t bytes_ = 0;
+  bool ended_ = false;  ///< After a past the stream is live again.
 };
 
 /// Whether all chunks of its surface, texture included, are there.

@@ -137,12 +137,55 @@ TEST(StreamCaptures, ASenderMayComeBackWithTheSameSurface) {
                     {sphere_pose(source.asset_, 3, 3000, 3)}};
   StreamCapture capture(source);
   ASSERT_TRUE(capture.take({}));
-  source.info_->epoch = 2;
+  source.info_->epoch = source.epoch_ = 2;
   ASSERT_TRUE(capture.take({}));
   EXPECT_EQ(capture.length_us(), 1000);
-  source.info_->epoch = 3;
+  source.info_->epoch = source.epoch_ = 3;
   source.info_->asset = "another";
+  source.asset_ = sphere_asset(2);
   EXPECT_EQ(capture.take({}).error().code, ErrorCode::kUnsupported);
+}
+
+TEST(StreamCaptures, ASenderMayGoOnInAnotherBasis) {
+  FakeSource source(sphere_asset(1));
+  source.info_->asset = "one";
+  source.info_->epoch = 1;
+  source.batches = {{sphere_pose(source.asset_, 1, 1000, 1.5)}, {sphere_pose(source.asset_, 2, 2000, 2)}};
+  StreamCapture capture(source);
+  ASSERT_TRUE(capture.take({}));
+  source.info_->asset = "another";
+  source.info_->epoch = source.epoch_ = 2;
+  ASSERT_TRUE(capture.take({}));
+  const auto clip = capture.clip();
+  EXPECT_EQ(clip->asset_id, "another");
+  ASSERT_EQ(clip->frames.size(), 2U);
+  EXPECT_NEAR(clip->frames[0][7], 1.5, 1e-9) << "in the last basis";
+}
+
+TEST(StreamCaptures, APastIsKeptFromItsBeginningToItsEnd) {
+  FakeSource source(sphere_asset(1));
+  source.info_->asset = "one";
+  source.info_->epoch = 1;
+  source.info_->utc_us = 500;
+  source.batches = {{sphere_pose(source.asset_, 1, 9'000, 1)},
+                    {sphere_pose(source.asset_, 1, 1'000, 1)},
+                    {sphere_pose(source.asset_, 2, 3'000, 2)},
+                    {sphere_pose(source.asset_, 9, 99'000, 1)}};
+  StreamCapture capture(source);
+  ASSERT_TRUE(capture.take({}));
+  source.info_->rewind = control::StreamInfo::Rewind{0, 1'000, 0.5};
+  source.info_->epoch = source.epoch_ = 2;
+  ASSERT_TRUE(capture.take({}));
+  EXPECT_EQ(capture.length_us(), 0) << "what was live is forgotten";
+  ASSERT_TRUE(capture.take({}));
+  EXPECT_FALSE(capture.is_lost());
+  source.info_->rewind.reset();
+  source.info_->epoch = source.epoch_ = 3;
+  ASSERT_TRUE(capture.take({}));
+  EXPECT_TRUE(capture.is_lost()) << "it is live again";
+  const auto clip = capture.clip();
+  EXPECT_EQ(clip->times_us, (std::vector<TimeUs>{0, 2'000}));
+  EXPECT_EQ(clip->utc_us, (std::vector<TimeUs>{1'500, 2'500}));
 }
 
 /// Films of a ball that moves to the right by the same way from each of its twelve frames to the next.
