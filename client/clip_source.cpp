@@ -211,7 +211,8 @@ TimeUs ClipSource::utc_us(TimeUs /*capture_us*/) const {
   const double since_us = static_cast<double>(position_us - times[frame]);
   if (frame + 1 == times.size()) return utc[frame] + std::llround(since_us);
   // A past was played at another speed.
-  const double pace = static_cast<double>(utc[frame + 1] - utc[frame]) / static_cast<double>(times[frame + 1] - times[frame]);
+  const double pace =
+      static_cast<double>(utc[frame + 1] - utc[frame]) / static_cast<double>(times[frame + 1] - times[frame]);
   return utc[frame] + std::llround(pace * since_us);
 }
 

@@ -21,8 +21,9 @@ class StreamCapture {
   bool has_surface() const;
   /// Forgets what it has but the newest pose, which the capture begins with: several begin at one time.
   void begin();
-  /// Takes what has come; of a past that begins that alone, from there; waiting at most `timeout`. Errors: kTooLarge (kMaxBytes), kUnsupported (the sender came back
-  /// with another surface). Where it goes on in another basis all poses are in the last one.
+  /// Takes what has come, waiting at most `timeout`; of a past that begins, that alone. Where the sender goes on in
+  /// another basis all poses are in the last one. Errors: kTooLarge (kMaxBytes), kUnsupported (the sender came back
+  /// with another surface).
   Result<void> take(std::chrono::milliseconds timeout);
   /// From the first to the last pose that it has.
   TimeUs length_us() const { return times_us_.empty() ? 0 : times_us_.back() - times_us_.front(); }
