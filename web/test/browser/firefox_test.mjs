@@ -2,9 +2,12 @@
 //
 // The page in Firefox, with a real broker and real senders (EIGENCAST_BIN): what another engine might do otherwise.
 import assert from 'node:assert/strict';
+import { existsSync, readFileSync } from 'node:fs';
+import { join } from 'node:path';
 import { after, before, test } from 'node:test';
-import { Programs } from '../system/programs.mjs';
+import { BIN, Programs } from '../system/programs.mjs';
 import { until } from '../unit/fake_broker.mjs';
+import { CHROMIUM, startChromium } from './chromium.mjs';
 import { FIREFOX, startFirefox } from './firefox.mjs';
 import { CLAY, PRINT, button, hasState } from './looks.mjs';
 import { startSite } from './site.mjs';
@@ -56,6 +59,32 @@ test('TheListLeadsToAStream', async () => {
     await tab.key('ArrowRight');
     await tab.until(`${PRINT} !== ${print}`);
   });
+});
+
+test('BothBrowsersAndANativeViewerAreInOneRoom', { skip: CHROMIUM && existsSync(join(BIN, 'eigencast-client')) ? false : 'no Chromium, or no eigencast-client' }, async () => {
+  const where = `http://127.0.0.1:${broker.port}`, path = (name) => `/still?room=still&name=${name}`, report = join(programs.folder, 'room.json');
+  const names = (...all) => all.map((name) => `document.querySelector('.room')?.textContent.includes('${name}')`).join(' && ');
+  const chromium = await startChromium(), leader = await chromium.tab();
+  try {
+    await leader.size(480, 300);
+    await leader.open(where + path('Ada'));
+    await leader.until(`${hasState('live')} && ${CLAY} > 100 && ${names('Ada (you)')}`, 150_000);
+    await onPage(path('Bob'), async (tab) => {
+      await tab.until(`${hasState('live')} && ${CLAY} > 100 && ${names('Ada', 'Bob (you)')}`, 150_000);
+      const viewer = programs.start('eigencast-client', `${where}/still`, '--headless', '--size=64x48', '--duration=4', '--room=still', '--name=Cleo', `--json=${report}`);
+      for (const one of [leader, tab]) await one.until(names('Ada', 'Bob', 'Cleo'));
+      await leader.key('o');
+      await tab.until(names('Ada (leads)'));
+      const print = await tab.evaluate(PRINT);
+      await leader.key('ArrowRight');
+      await tab.until(`${PRINT} !== ${print}`);
+      assert.equal(await viewer.ended, 0);
+      assert.deepEqual(JSON.parse(readFileSync(report, 'utf8')).room.members.map(({ name }) => name).sort(), ['Ada', 'Bob', 'Cleo']);
+    }, { url: where });
+    assert.deepEqual(leader.console, []);
+  } finally {
+    await chromium.stop();
+  }
 });
 
 test('ThePolicyOfABrokerAllowsAllOfItsPage', async () => {
