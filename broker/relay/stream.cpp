@@ -488,7 +488,7 @@ void Stream::relay_trace(const control::Trace& trace) {
   const std::string json = text_from_control(relayed);
   if (json.size() > limits::kMaxControlBytes) return;  // Numbers of this broker made it longer than viewers take.
   const auto text = websocket::framed(websocket::Opcode::kText, json);
-  for (void* watcher : wanting) static_cast<Watcher*>(watcher)->on_trace(text);
+  for (Watcher* watcher : wanting) watcher->on_trace(text);
 }
 
 bool Stream::trace(Watcher& watcher, std::uint32_t every) {
@@ -500,7 +500,7 @@ bool Stream::trace(Watcher& watcher, std::uint32_t every) {
   }
   if (every == 0 && found != watched_.end()) found->second.tracing.reset();
   const std::uint32_t before = tracer_.every();
-  tracer_.want(&watcher, every);
+  tracer_.want(watcher, every);
   if (tracer_.every() != before && publisher_ != nullptr) publisher_->on_trace_wanted();
   return true;
 }
@@ -513,11 +513,11 @@ void Stream::set_mirror_trace(std::uint32_t every) {
 void Stream::send_traces(Group& group) {
   for (const FramePtr& frame : group.traced) {
     auto wanting = tracer_.who_wants(frame->envelope.sequence);
-    std::erase_if(wanting, [&](void* who) { return watched_.at(static_cast<Watcher*>(who)).group != &group; });
+    std::erase_if(wanting, [&](Watcher* who) { return watched_.at(who).group != &group; });
     const auto trace = wanting.empty() ? std::nullopt : tracer_.trace_of(*frame);
     if (!trace) continue;
     const auto text = websocket::framed(websocket::Opcode::kText, text_from_control(*trace));
-    for (void* watcher : wanting) static_cast<Watcher*>(watcher)->on_trace(text);
+    for (Watcher* watcher : wanting) watcher->on_trace(text);
   }
   group.traced.clear();
 }

@@ -9,19 +9,19 @@ constexpr std::size_t kMaxArrivals = 16;
 
 }  // namespace
 
-void Tracer::want(void* who, std::uint32_t every) {
-  const auto known = wanted_.find(who);
+void Tracer::want(Watcher& who, std::uint32_t every) {
+  const auto known = wanted_.find(&who);
   if (known != wanted_.end()) {
     intervals_.erase(intervals_.find(known->second));
     wanted_.erase(known);
   }
   if (every == 0) return;
-  wanted_.emplace(who, every);
+  wanted_.emplace(&who, every);
   intervals_.insert(every);
 }
 
-std::vector<void*> Tracer::who_wants(std::uint64_t sequence) const {
-  std::vector<void*> all;
+std::vector<Watcher*> Tracer::who_wants(std::uint64_t sequence) const {
+  std::vector<Watcher*> all;
   for (const auto& [who, every] : wanted_) {
     if (sequence % every == 0) all.push_back(who);
   }

@@ -14,6 +14,8 @@
 
 namespace eigencast::broker {
 
+class Watcher;
+
 /// The shorter of two intervals between traced keys; 0: none.
 inline std::uint32_t shorter_interval(std::uint32_t a, std::uint32_t b) {
   return a == 0 || b == 0 ? std::max(a, b) : std::min(a, b);
@@ -23,8 +25,8 @@ inline std::uint32_t shorter_interval(std::uint32_t a, std::uint32_t b) {
 class Tracer {
  public:
   /// Requests traces for `who` of keys whose sequence is a multiple of `every`; 0: none.
-  void want(void* who, std::uint32_t every);
-  std::vector<void*> who_wants(std::uint64_t sequence) const;
+  void want(Watcher& who, std::uint32_t every);
+  std::vector<Watcher*> who_wants(std::uint64_t sequence) const;
   std::uint32_t every() const { return intervals_.empty() ? 0 : *intervals_.begin(); }
   bool is_traced(std::uint64_t sequence) const { return every() != 0 && sequence % every() == 0; }
 
@@ -37,7 +39,7 @@ class Tracer {
     std::uint64_t sequence;
     TimeUs arrival_us;
   };
-  std::unordered_map<void*, std::uint32_t> wanted_;
+  std::unordered_map<Watcher*, std::uint32_t> wanted_;
   std::multiset<std::uint32_t> intervals_;  ///< Those of wanted_.
   std::deque<Arrival> arrivals_;            ///< The newest keys; bounded.
 };

@@ -268,12 +268,12 @@ TEST_F(StreamTest, TracesFollowTheShortestInterval) {
 
 TEST(TracerTest, OnlyThoseWhoAskedAreVisited) {
   Tracer tracer;
-  char often = 0, seldom = 0, never = 0;
-  tracer.want(&often, 5);
-  tracer.want(&seldom, 10);
-  tracer.want(&never, 5);
-  tracer.want(&never, 0);
-  EXPECT_EQ(tracer.who_wants(15), std::vector<void*>{&often});
+  FakeReceiver often, seldom, never;
+  tracer.want(often, 5);
+  tracer.want(seldom, 10);
+  tracer.want(never, 5);
+  tracer.want(never, 0);
+  EXPECT_EQ(tracer.who_wants(15), std::vector<Watcher*>{&often});
   EXPECT_EQ(tracer.who_wants(20).size(), 2U);
   EXPECT_TRUE(tracer.who_wants(16).empty());
 }
@@ -281,13 +281,13 @@ TEST(TracerTest, OnlyThoseWhoAskedAreVisited) {
 TEST(TracerTest, RequestsVisitNoOtherWatchers) {
   const auto processor_time_beside = [](std::size_t count) {
     Tracer tracer;
-    std::vector<char> watchers(count);
-    for (char& watcher : watchers) tracer.want(&watcher, 1000);
+    std::vector<FakeReceiver> watchers(count);
+    for (FakeReceiver& watcher : watchers) tracer.want(watcher, 1000);
     const std::clock_t before = std::clock();
-    for (std::uint32_t i = 0; i < 40'000; ++i) tracer.want(&watchers[i % count], 1000 - i % 3);
+    for (std::uint32_t i = 0; i < 40'000; ++i) tracer.want(watchers[i % count], 1000 - i % 3);
     const std::clock_t used = std::clock() - before;
     EXPECT_EQ(tracer.every(), 998u);
-    for (char& watcher : watchers) tracer.want(&watcher, 0);
+    for (FakeReceiver& watcher : watchers) tracer.want(watcher, 0);
     EXPECT_EQ(tracer.every(), 0u);
     return used;
   };
