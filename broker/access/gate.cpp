@@ -376,7 +376,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
   const TimeUs wait_us = account ? account->failures.wait_us(1, max / 60, max, now_us) : 0;
   const Denial slowed{429, "too many failed tries to log in from this address: wait before the next",
                       static_cast<int>(wait_us / 1'000'000 + 1)};
-  // A good token (of 256 bits, none is guessed) is let in beside others' wrong ones, as long as the address pays for both.
+  // A good token (of 256 bits, none is guessed) is let in beside others' wrong ones, while the address pays for both.
   const auto work_us_per_s = static_cast<double>(rules->quota(false).work_us_per_s);
   if (wait_us > 0 &&
       !account->http_work.take(kTokenCheckUs, work_us_per_s, work_us_per_s * kWorkAtOnceS, now_us)) {

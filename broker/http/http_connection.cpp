@@ -12,7 +12,7 @@
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <nlohmann/json.hpp>
 
-#include "broker/context/disk_threads.h"
+#include "broker/sockets/disk_threads.h"
 
 namespace eigencast::broker {
 namespace {

@@ -106,8 +106,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
   void close();
-  /// Runs `work`, which returns a Result, on the disk's threads, in its holder's turns, then `then` with it on the loop: no file access delays
-  /// a frame. Objects that must not end on the disk's threads belong into `then`. Both are copyable.
+  /// Runs `work`, which returns a Result, on the disk's threads in its holder's turns, then `then` with it on the loop:
+  /// no file access delays a frame. Objects that must not end on the disk's threads belong into `then`. Both are
+  /// copyable.
   template <typename Work, typename Then>
   void on(DiskThreads& threads, Work work, Then then) {
     const auto outcome = std::make_shared<std::optional<decltype(work())>>();

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "broker/connections/connection.h"
-#include "broker/context/disk_threads.h"
+#include "broker/sockets/disk_threads.h"
 #include "common/core/clock.h"
 
 namespace eigencast::broker {

@@ -18,10 +18,10 @@
 #include <vector>
 
 #include "broker/connections/rewind.h"
-#include "broker/context/disk_threads.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/fair_reads.h"
 #include "broker/relay/ownership.h"
+#include "broker/sockets/disk_threads.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/history.h"
 #include "broker/storage/recorder.h"
