@@ -80,7 +80,10 @@ std::vector<RecordingInfo> Recorder::list() const {
 
 Recorder::Totals Recorder::totals() const {
   const std::lock_guard lock(mutex_);
-  return totals_;
+  Totals totals = totals_;
+  totals.failing = static_cast<std::uint64_t>(
+      std::count_if(sessions_.begin(), sessions_.end(), [](const auto& one) { return one.second->resume_us != 0; }));
+  return totals;
 }
 
 std::vector<Recorder::Piece> Recorder::pieces(std::string_view stream) const {
@@ -194,8 +197,6 @@ void Recorder::push(Item item) {
 
 void Recorder::end(const SessionPtr& session) {
   push({.kind = Item::Kind::kEnd, .session = session});
-  if (session->resume_us != 0) --totals_.failing;
-  session->resume_us = 0;
   sessions_.erase(session->stream);
   active_ = totals_.active = sessions_.size();
 }

@@ -188,7 +188,7 @@ void Recorder::note(Session& session) {
   totals_.bytes += bytes - std::exchange(session.written, bytes);
   totals_.stored_bytes += grown;
   holders_[session.holder] += grown;
-  if (session.writer->frames() > 0 && std::exchange(session.resume_us, 0) != 0) --totals_.failing;
+  if (session.writer->frames() > 0) session.resume_us = 0;
   totals_.frames += session.writer->frames() - session.info.frames;
   session.info.bytes = session.writer->bytes();
   session.info.frames = session.writer->frames();
@@ -213,11 +213,7 @@ void Recorder::fail_session(Session& session, const Error& error) {
     const auto found = sessions_.find(session.stream);
     if (found != sessions_.end() && found->second.get() == &session) {
       sessions_.erase(found);
-      if (session.resume_us != 0) --totals_.failing;
-      if (settings_.keep_us > 0) {
-        add(session.stream, true)->resume_us = steady_now_us() + settings_.retry_us;
-        ++totals_.failing;
-      }
+      if (settings_.keep_us > 0) add(session.stream, true)->resume_us = steady_now_us() + settings_.retry_us;
     }
     active_ = totals_.active = sessions_.size();
   }
