@@ -117,6 +117,7 @@ class Recorder final : public StreamTap {
   void restore(const std::string& path);
   void keep(Session& session, const Item& announced, const std::string& path);
   void remove_oldest();
+  void remove(const Kept& gone);
   std::vector<std::string> streams_to_shorten(TimeUs now_us) const;
   void pin(const Kept& kept, int files);
   void recount();
@@ -140,6 +141,9 @@ class Recorder final : public StreamTap {
   const LogSink log_;
   std::vector<SessionPtr> open_;                  ///< Belongs to the thread: sessions with open files.
   std::map<std::string, std::string> holder_of_;  ///< Belongs to the thread: holders by file.
+  /// Belongs to the thread: of an earlier run, from after now. They go first where bytes lack, and are kept once the
+  /// broker starts later than they begin.
+  std::vector<KeptPtr> ahead_;
   std::map<std::string, int> pins_;               ///< Belongs to the thread: files that need an asset.
   const TimeUs unix_ahead_us_;
   std::atomic<std::uint64_t> active_{0};  ///< Zero lets on_key() return at once.

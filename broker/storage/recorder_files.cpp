@@ -56,7 +56,7 @@ void Recorder::restore(const std::string& path) {
     return announced != nullptr ? std::optional(*announced) : std::nullopt;
   }();
   const TimeUs from_us = reader ? static_cast<TimeUs>(reader->info().start.started_unix_us) : 0;
-  if (!announce || from_us > unix_from_steady(steady_now_us()) + kPieceUs) {
+  if (!announce) {
     std::error_code ignored;
     fs::remove(path, ignored);
     return;
@@ -68,6 +68,7 @@ void Recorder::restore(const std::string& path) {
   kept->asset = announce->asset;
   kept->charged = file_cost(reader->info().whole_bytes);
   pin(*kept, 1);
+  if (from_us > unix_from_steady(steady_now_us()) + kPieceUs) return ahead_.push_back(std::move(kept));
   const std::lock_guard lock(kept_mutex_);
   auto& all = kept_[reader->info().start.stream];
   all.insert(std::upper_bound(all.begin(), all.end(), from_us,
@@ -109,6 +110,8 @@ void Recorder::pin(const Kept& kept, int files) {
 
 void Recorder::remove_oldest() {
   if (settings_.keep_us == 0) return;
+  for (; !ahead_.empty() && totals().stored_bytes >= settings_.max_total_bytes; ahead_.pop_back())
+    remove(*ahead_.back());
   for (;;) {
     const auto streams = streams_to_shorten(unix_from_steady(steady_now_us()));
     if (streams.empty()) return;
@@ -121,19 +124,23 @@ void Recorder::remove_oldest() {
         from->second.pop_front();
         if (from->second.empty()) kept_.erase(from);
       }
-      {
-        const std::lock_guard lock(mutex_);
-        totals_.stored_bytes -= std::min(totals_.stored_bytes, gone->charged);
-        std::uint64_t& held = holders_[gone->holder];
-        held -= std::min(held, gone->charged);
-        if (held == 0) holders_.erase(gone->holder);
-      }
-      holder_of_.erase(gone->file);
-      pin(*gone, -1);
-      std::error_code ignored;
-      fs::remove(gone->file, ignored);
+      remove(*gone);
     }
   }
+}
+
+void Recorder::remove(const Kept& gone) {
+  {
+    const std::lock_guard lock(mutex_);
+    totals_.stored_bytes -= std::min(totals_.stored_bytes, gone.charged);
+    std::uint64_t& held = holders_[gone.holder];
+    held -= std::min(held, gone.charged);
+    if (held == 0) holders_.erase(gone.holder);
+  }
+  holder_of_.erase(gone.file);
+  pin(gone, -1);
+  std::error_code ignored;
+  fs::remove(gone.file, ignored);
 }
 
 /// Those whose first file is over: by its age, or of a stream with too many; then the oldest of the holder of most, of

@@ -278,6 +278,21 @@ TEST_F(HistoryTest, TheOldestGoByAgeAndByBytes) {
   EXPECT_GE(files(), 10U);
 }
 
+TEST_F(HistoryTest, WhatBeginsInTheFutureStaysWhileThereIsRoom) {
+  start(-10 * kMinute);
+  announce();
+  send(30);
+  restart();
+  ASSERT_TRUE(eventually([&] { return history_->kept->totals().stored_bytes > 0; }));
+  EXPECT_TRUE(pieces().empty());
+  restart();  // Nothing is done once more when it ends.
+  end();
+  EXPECT_EQ(files(), 1U);
+  settings_.max_total_bytes = 64 << 10;
+  history_ = std::make_unique<History>(settings_, *assets_, LogSink());
+  EXPECT_TRUE(eventually([&] { return files() == 0; }));
+}
+
 TEST_F(HistoryTest, ASenderThatBeginsAgainAndAgainLeavesFewFiles) {
   settings_.keep_us = 2 * kMinute;
   start(kMinute);
