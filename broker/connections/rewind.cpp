@@ -16,6 +16,7 @@ namespace {
 
 constexpr TimeUs kAgainUs = 200'000;  ///< Where more is still being written.
 constexpr TimeUs kMaxWaitUs = 5'000'000;
+constexpr TimeUs kPausedTickUs = 5'000'000;  ///< Whether it gives way.
 constexpr std::uint32_t kFirstEpoch = 0x8000'0000;  ///< Those of senders are below.
 
 TimeUs times(TimeUs us, double factor) {
@@ -171,6 +172,7 @@ void Rewind::run() {
     context_.hub.mark_dirty(*stream_);
     (void)context_.turn.now_us();  // What is dirty is delivered when the turn ends.
     const TimeUs lag_us = context_.history.kept->unix_from_steady(now_us) - replay_.position_us(now_us);
+    if (!sought_ && context_.history.give_way(replay_.paused_us(now_us))) return viewer_->show_present(*this);
     if (!sought_ && (replay_.is_over() || (replay_.speed() >= 1 && lag_us < PastReader::kLiveUs / 2)))
       return viewer_->show_present(*this);
   }
@@ -213,6 +215,8 @@ void Rewind::arm(TimeUs now_us) {
       if (from_us > now_us) due_us = std::min(due_us.value_or(from_us), from_us);
     } else if (!due_us && replay_.speed() > 0 && stream_) {
       due_us = now_us + kAgainUs;
+    } else if (!due_us && stream_) {
+      due_us = now_us + kPausedTickUs;
     }
   }
   if (!due_us) return;

@@ -32,6 +32,8 @@ class Replay {
   /// The moment that is shown, in microseconds since 1970.
   TimeUs position_us(TimeUs now_us) const;
   double speed() const { return speed_; }
+  /// How long one moment has been shown; 0: it plays.
+  TimeUs paused_us(TimeUs now_us) const { return speed_ == 0 && !at_once_ ? now_us - start_us_ : 0; }
   /// Whether all has been shown that is kept.
   bool is_over() const { return ended_ && waiting_.empty() && speed_ > 0; }
 

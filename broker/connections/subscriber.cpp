@@ -177,6 +177,7 @@ Result<void> Subscriber::try_to_seek(const control::Seek& wanted) {
   Shares& viewers = context().history.viewers;
   const std::int64_t max = context().config.history.max_viewers;
   if (!viewers.fits(holder(), 1, max)) {
+    if (viewers.fits(holder(), 1, max, 1)) context().history.note_refused();
     return fail(ErrorCode::kRefused, std::to_string(viewers.used()) + " viewers see the past, and of the " +
                                          std::to_string(max) +
                                          " that history.max_viewers allows too few are free "

@@ -20,9 +20,18 @@ struct History {
   /// Of a stream, by its time on the steady clock. Adds about how long that took to `work_us`.
   control::History of(std::string_view stream, TimeUs now_us, double* work_us = nullptr) const;
 
+  /// Somebody found no place among `viewers`, and one of the others' would be its share.
+  void note_refused() { refused_ = true; }
+  /// Whether one that has been paused so long gives its place to who was refused last.
+  bool give_way(TimeUs paused_us) { return paused_us >= kLongPauseUs && refused_.exchange(false); }
+  static constexpr TimeUs kLongPauseUs = 60'000'000;
+
   std::unique_ptr<Recorder> kept;        ///< Null: nothing.
   Shares viewers;                        ///< Of the past.
   std::atomic<std::uint32_t> epochs{0};  ///< That they saw.
+
+ private:
+  std::atomic<bool> refused_ = false;
 };
 
 }  // namespace eigencast::broker

@@ -31,6 +31,20 @@ TEST(Replay, PosesAreDueAtTheirSpeed) {
   }
 }
 
+TEST(Replay, APauseLastsUntilTheNextSeekIsShown) {
+  Replay replay;
+  EXPECT_EQ(replay.paused_us(kReplayNow), 0);
+  replay.add(replayed(0, {0}, true), true);
+  (void)replay.pop_due(kReplayNow);
+  EXPECT_EQ(replay.paused_us(kReplayNow + 7), 7);
+  replay.add(replayed(0, {100 * kReplayMs}, true), true);
+  (void)replay.pop_due(kReplayNow + 7);
+  EXPECT_EQ(replay.paused_us(kReplayNow + 8), 1);
+  replay.add(replayed(1, {200 * kReplayMs}, true), true);
+  (void)replay.pop_due(kReplayNow + 9);
+  EXPECT_EQ(replay.paused_us(kReplayNow + 10), 0);
+}
+
 TEST(Replay, WhatComesLateIsNotCaughtUpWith) {
   Replay replay;
   replay.add(replayed(1, {0}, true), true);

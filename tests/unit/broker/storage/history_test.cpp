@@ -278,6 +278,15 @@ TEST_F(HistoryTest, TheOldestGoByAgeAndByBytes) {
   EXPECT_GE(files(), 10U);
 }
 
+TEST_F(HistoryTest, WhoIsPausedLongGivesWayOnceForEachRefusal) {
+  start(kSecond);
+  EXPECT_FALSE(history_->give_way(History::kLongPauseUs)) << "nobody waits";
+  history_->note_refused();
+  EXPECT_FALSE(history_->give_way(History::kLongPauseUs - 1));
+  EXPECT_TRUE(history_->give_way(History::kLongPauseUs));
+  EXPECT_FALSE(history_->give_way(History::kLongPauseUs));
+}
+
 TEST_F(HistoryTest, WhatBeginsInTheFutureStaysWhileThereIsRoom) {
   start(-10 * kMinute);
   announce();
