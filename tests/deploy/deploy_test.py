@@ -123,6 +123,15 @@ class Deploy(unittest.TestCase):
         self.assertEqual(wanted["access"]["anonymous"], "nowhere")
         self.assertTrue(all(server.startswith("tls://") for server in wanted["backbone"]["servers"]))
 
+    def test_a_pod_may_hold_what_the_quotas_let_in(self):
+        defaults = tomllib.loads(subprocess.run([BROKER, "--default-config"], capture_output=True, text=True, check=True).stdout)
+        limits = defaults["limits"]
+        # As much again of streams is for what is encoded, and recorder and history have a queue each.
+        quotas = (2 * limits["max_stream_bytes"] + limits["max_unfinished_bytes"] + defaults["memory"]["max_bytes"] +
+                  defaults["rooms"]["max_bytes"] + 2 * defaults["recording"]["max_queued_bytes"])
+        limit = re.search(r"limits: \{memory: (\d+)Gi\}", (DEPLOY / "kubernetes/statefulset.yaml").read_text())
+        self.assertGreater(int(limit[1]) << 30, quotas)
+
     def test_a_container_has_the_compose_settings(self):
         entry, environment = image()
         said = dict(re.findall(r"^ +(EIGENCAST_\w+): (\S+)$", (DEPLOY / "container/compose.yaml").read_text(), re.M))
