@@ -19,20 +19,21 @@ constexpr TimeUs kCheckpointEveryUs = 1'000'000;
 
 Result<void> record_key(recording::Writer& writer, KeyWriter& keys, KeyWriter::Coded coded, TimeUs time_us,
                         TimeUs& due_us) {
-  const bool is_first = keys.state() == nullptr;
+  const bool is_first = keys.state() == nullptr || due_us == 0;
   const Bytes message = coded.message;
   keys.sent(std::move(coded), message.size());
   // The first pose is a checkpoint alone.
   if (!is_first) {
     if (const auto written = writer.frame(time_us, message); !written) return written;
+    if (time_us < due_us) return {};
   }
-  if (!is_first && time_us < due_us) return {};
   due_us = time_us + kCheckpointEveryUs;
   const ChainState& state = *keys.state();
   const auto payload = encode_join(keys.layout(), state);
   if (!payload) return payload.error();
   Envelope envelope;
   envelope.kind = FrameKind::kJoin;
+  envelope.flags = state.phase ? Envelope::kRecalled : std::uint8_t{0};
   envelope.bands = state.newer.bands;
   envelope.sequence = keys.newest().sequence;
   envelope.capture_us = keys.newest().capture_us;

@@ -5,12 +5,14 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string_view>
 #include <utility>
 #include <variant>
 
+#include "common/codec/recaller.h"
 #include "common/core/bytes.h"
 #include "common/recording/reader.h"
 #include "common/recording/writer.h"
@@ -119,7 +121,7 @@ class Cutter {
     return {};
   }
 
-  /// The same with fewer poses, and without memories, which these would not be predicted from.
+  /// The same with fewer poses, predicted from the same memories.
   Result<void> thin(const std::string& file, TimeUs from_us, TimeUs until_us, double rate_hz) {
     auto stream = RecordedStream::open(file);
     if (!stream) return stream.error();
@@ -132,19 +134,45 @@ class Cutter {
     std::string text;
     std::optional<KeyWriter> keys;
     Thinning thinning(rate_hz);
-    std::uint8_t coarse = 0;  ///< As the sender coded the newest key.
+    RecordedStream::Memory memory;
+    std::optional<Bytes> memory_used;  ///< The ids of its segments, once it is announced.
+    std::uint8_t coarse = 0;           ///< As the sender coded the newest key.
     TimeUs due_us = 0, newest_us = 0;
     bool is_again = false;  ///< The announcement came again since the newest pose.
-    const auto begin = [&](TimeUs time_us) -> Result<void> {
+    bool is_new = true;     ///< What memory_used says may differ from the memory.
+    const auto begin = [&] {
       add_asset(text, object_of);
-      if (const auto written = writer_.announce(time_us, text); !written) return written;
       keys.emplace(stream->layout(), std::uint8_t{0}, std::nullopt);
       keys->begin({});
-      const auto as_coarse = [&coarse, layout = stream->layout()](const ChainState& state, const Key& key, auto) {
-        return encode_key(layout, state, key, coarse);
-      };
-      keys->code_by(as_coarse, std::nullopt, false);
+      memory_used.reset();
+      is_new = true;
       thinning = Thinning(rate_hz);
+    };
+    const auto as_coarse = [&](const ChainState& state, const Key& key, auto) {
+      return encode_key(keys->layout(), state, key, coarse);
+    };
+    const auto announce_memory = [&](TimeUs time_us) -> Result<void> {
+      Bytes ids;
+      PoseMemory poses(keys->layout());
+      for (const CodedSegment& segment : memory) {
+        const Sha256 id = sha256(segment.bytes);
+        ids.insert(ids.end(), id.digest.begin(), id.digest.end());
+        add({id, segment.bytes});
+        if (const auto grown = poses.add(segment.segment); !grown) return grown;
+      }
+      if (ids == memory_used) return {};
+      if (const auto written = writer_.announce(time_us, text, ids); !written) return written;
+      memory_used = std::move(ids);
+      due_us = 0;  // What follows begins with a checkpoint.
+      if (memory.empty()) {
+        keys->code_by(as_coarse, std::nullopt, false);
+        return {};
+      }
+      const auto recaller = std::make_shared<Recaller>(poses);
+      const auto recalled = [&coarse, recaller](const ChainState& state, const Key& key, auto) {
+        return recaller->encode(state, key, coarse);
+      };
+      keys->code_by(recalled, std::move(poses), false);
       return {};
     };
     for (;;) {
@@ -154,21 +182,28 @@ class Cutter {
       const TimeUs time_us = begun_us_ + std::max<TimeUs>(0, (**event).time_us - first_us.value_or((**event).time_us));
       if (auto* announce = std::get_if<control::Announce>(&(**event).what)) {
         if (announce->key_rate_hz > 0) announce->key_rate_hz = std::min(announce->key_rate_hz, rate_hz);
+        memory.clear();
+        is_new = true;
         std::string said = text_from_control(*announce);
         is_again = said == std::exchange(text, said);  // Of another memory, or of a recording joined here.
         if (is_again) continue;
-        if (const auto begun = begin(time_us); !begun) return begun;
+        begin();
+      }
+      if (auto* kept = std::get_if<RecordedStream::Memory>(&(**event).what)) {
+        memory = std::move(*kept);
+        is_new = true;
       }
       auto* pose = std::get_if<RecordedPose>(&(**event).what);
       if (pose != nullptr && !pose->coded.empty()) coarse = half_spacing_of(pose->coded);
       if (pose == nullptr || !keys) continue;
       const bool is_older = pose->capture_us < std::exchange(newest_us, pose->capture_us);
-      if (std::exchange(is_again, false) && is_older) {
-        if (const auto begun = begin(time_us); !begun) return begun;
-      }
+      if (std::exchange(is_again, false) && is_older) begin();
       if (!thinning.keeps(pose->capture_us)) continue;
       if (!keys->may_follow(pose->capture_us)) continue;
       if (!first_us) first_us = (**event).time_us;
+      if (std::exchange(is_new, false)) {
+        if (const auto announced = announce_memory(time_us); !announced) return announced;
+      }
       auto coded = keys->code(std::move(pose->key), pose->capture_us);
       if (!coded) return coded.error();
       if (const auto written = record_key(writer_, *keys, *std::move(coded), time_us, due_us); !written) return written;
@@ -241,10 +276,9 @@ Result<CutFacts> cut_recordings(const std::vector<std::string>& files, double fr
         continue;
       }
       const TimeUs until_us = std::min(from_us + left_us, length_us);
-      const auto copied = rate_hz > 0 ? cutter.thin(files[i], from_us, until_us, rate_hz)
-                                      : cutter.copy(readers[i], from_us, until_us);
-      if (!copied)
-        return in_context(files[i], copied.error());
+      const auto copied =
+          rate_hz > 0 ? cutter.thin(files[i], from_us, until_us, rate_hz) : cutter.copy(readers[i], from_us, until_us);
+      if (!copied) return in_context(files[i], copied.error());
       left_us -= until_us - from_us;
       from_us = 0;
     }

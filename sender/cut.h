@@ -22,7 +22,7 @@ struct CutFacts {
 /// last checkpoint at or before from_s (up to a second earlier), and holds the objects of all.
 ///   duration_s  0: to the end
 ///   rate_hz     about so many poses a second stay, and are coded again, each behind the one before and as coarsely as
-///               its sender did, without a memory; 0: all, as they are coded
+///               its sender did; 0: all, as they are coded
 ///   missing     gives objects of surfaces that the recordings do not hold; null: they stay out
 /// The file gets its name when it is whole. Errors: those of recording::Reader and Writer; kInvalidArgument (the range
 /// holds no pose, or `to` is there already).

@@ -3,11 +3,15 @@
 
 #include <cmath>
 #include <filesystem>
+#include <memory>
 #include <optional>
+#include <random>
 #include <regex>
 #include <variant>
 
 #include "common/codec/chain.h"
+#include "common/codec/pose_memory.h"
+#include "common/codec/recaller.h"
 #include "common/core/files.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/recording/reader.h"
@@ -18,6 +22,7 @@
 #include "common/surface/vector.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "sdk/key_writer.h"
 #include "sdk/publisher.h"
 #include "sdk/recorded_clip.h"
 #include "sdk/recorded_stream.h"
@@ -346,6 +351,68 @@ TEST_F(RecordedBalls, PosesThatStayAreCodedAsCoarselyAndTakeLess) {
   EXPECT_GT(coarse, 0);
   EXPECT_LE(rms, coarse) << "of which the sender was off by 0.56 itself";
   EXPECT_LT(bytes_of(half), 0.7 * bytes_of(whole));
+}
+
+TEST_F(RecordedBalls, AreThinnedWithTheirMemory) {
+  CoefficientLayout layout = layout_;
+  layout.codec = CodecKind::kQuantised;
+  const std::uint8_t step = quantiser_for_error(0.01, baked_.asset.area, baked_.asset.rank).step;
+  std::vector<Key> keys;
+  std::minstd_rand random(1);
+  for (int f = 0; f < 40; ++f) {  // No pose says anything of the next.
+    std::vector<double> C = baked_.asset.rest;
+    for (double& c : C) c += std::uniform_real_distribution(-0.1, 0.1)(random);
+    keys.push_back(key_from_coefficients(layout, C, step).value());
+  }
+  const CodedSegment segment = encode_segment(layout, baked_.encoded.manifest.id.digest, keys, 1).value();
+  PoseMemory memory(layout);
+  ASSERT_TRUE(memory.add(segment.segment));
+  const auto thinned = [&](bool with_memory) {
+    const std::string whole = folder_.file(with_memory ? "memory.ecrec" : "plain.ecrec"), half = whole + ".half";
+    auto writer = recording::Writer::create(whole, {"lab/ball", "test", 0}).value();
+    const Sha256 id = sha256(segment.bytes);
+    EXPECT_TRUE(writer.object(0, id.digest, segment.bytes));
+    control::Announce announce;
+    announce.asset = baked_.encoded.manifest.id.hex();
+    announce.format = {layout.rows, 3, layout.band_ends, "quantised"};
+    EXPECT_TRUE(writer.announce(0, text_from_control(announce), with_memory ? ByteView(id.digest) : ByteView()));
+    KeyWriter chain(layout, 1, {});
+    chain.begin({});
+    if (with_memory) {
+      const auto recaller = std::make_shared<Recaller>(memory);
+      const auto coder = [recaller](const auto& state, const Key& key, auto spacing) {
+        return recaller->encode(state, key, spacing);
+      };
+      chain.code_by(coder, memory, false);
+    }
+    TimeUs due_us = 0;
+    for (std::size_t f = 0; f < keys.size(); ++f) {
+      const auto time_us = static_cast<TimeUs>(f) * 40'000;
+      EXPECT_TRUE(record_key(writer, chain, chain.code(keys[f], time_us).value(), time_us, due_us));
+    }
+    EXPECT_TRUE(writer.finish());
+    EXPECT_TRUE(cut_recordings({whole}, 0, 0, 12.5, half));
+    return half;
+  };
+  std::size_t bytes[2] = {}, recalled = 0, poses = 0;
+  for (const bool with_memory : {false, true}) {
+    auto stream = RecordedStream::open(thinned(with_memory)).value();
+    poses = 0;
+    for (;;) {
+      const auto event = stream.next();
+      ASSERT_TRUE(event) << event.error().message;
+      if (!*event) break;
+      const auto* pose = std::get_if<RecordedPose>(&(**event).what);
+      if (pose == nullptr) continue;
+      bytes[with_memory ? 1 : 0] += pose->coded.size();
+      recalled += pose->phase ? 1 : 0;
+      const Key& sent = keys[2 * poses++];
+      for (std::size_t k = 0; k < sent.q.size(); ++k) ASSERT_LE(std::abs(pose->key.q[k] - sent.q[k]), 4) << poses;
+    }
+    EXPECT_EQ(poses, keys.size() / 2);
+  }
+  EXPECT_GE(recalled, poses - 2);
+  EXPECT_LT(bytes[1], bytes[0] / 3);
 }
 
 TEST_F(RecordedBalls, GetTheSurfaceThatTheyLack) {
