@@ -105,6 +105,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::size_t pieces(std::span<iovec> out) override;
   void written(const Transport::Outcome& outcome) override;
   void sent(const Transport::Outcome& outcome) override;
+  const void* purse() const override { return grant_->purse(); }
+  double write_us() const override;
 
   /// Something that it asks for again and again.
   struct Asked {

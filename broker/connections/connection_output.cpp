@@ -13,6 +13,8 @@ using websocket::Opcode;
 
 // Bounds one write, so that frames behind it can still be replaced by newer ones.
 constexpr std::size_t kMaxWriteBytes = 128 * 1024;
+// About what a write takes, and a message of it.
+constexpr double kWriteUs = 3, kPieceUs = 0.3;
 
 ByteView bytes_of(const Outbox::Item& item) {
   if (item.frame) return item.frame->wire;
@@ -29,8 +31,9 @@ void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> fram
   Turn& turn = context_.turn;
   const Frame& frame = *frames.begin()->get();
   const bool now = frames.size() == 1 && !blocked_ && !closing_ && write_queue_.empty() && !transport_.is_tls() &&
-                   !turn.is_sending(*this);
+                   turn.writes_at_once() && !turn.is_sending(*this);
   if (!now || !outbox_.send_directly(stream_id, frame, turn.now_us())) return deliver_queued(stream_id, frames);
+  turn.note_written_at_once();
   note_write(frame);
   count_sent(1, std::ssize(frame.wire));
   if (watch_.note_sent()) window_check_due_ = true;
@@ -64,7 +67,8 @@ void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePt
 }
 
 void Connection::schedule_write() {
-  if (blocked_ || close_queued_) return;
+  // What is late takes the newest along once it has left.
+  if (blocked_ || close_queued_ || Turn::is_late(*this)) return;
   guarded([this] { fill_write_queue(); });
 }
 
@@ -101,6 +105,10 @@ std::size_t Connection::unread_answers() const {
   return bytes;
 }
 
+double Connection::write_us() const {
+  return kWriteUs + kPieceUs * static_cast<double>(write_queue_.size());
+}
+
 int Connection::plain_socket() {
   return transport_.is_tls() ? -1 : transport_.socket().native_handle();
 }
@@ -119,7 +127,7 @@ std::size_t Connection::pieces(std::span<iovec> out) {
 }
 
 void Connection::flush() {
-  if (context_.turn.is_sending(*this)) context_.turn.submit();
+  context_.turn.forget(*this);
   std::array<iovec, kMaxPieces> all;
   // TLS takes one record at a time; the rest is offered again until it has to wait.
   do {

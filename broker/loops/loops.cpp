@@ -78,8 +78,9 @@ Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& si
       io_(1),
       turn_(io_, turn_settings(config), shared.log,
             [this] {
-              hub_.deliver();
+              const bool more = hub_.deliver(Turn::kSliceUs);
               arm_schedule();
+              return more;
             }),
       newcomers_(io_),
       viewers_(io_),

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cassert>
+#include <cmath>
 #include <tuple>
 
 namespace eigencast::broker {
@@ -183,12 +184,32 @@ void Hub::pump(TimeUs now_us) {
   }
 }
 
-void Hub::deliver() {
+bool Hub::deliver(double slice_us) {
+  double us = 0;
+  for (const Stream* stream : dirty_) us += stream->delivery_us();
+  const bool fits = late_.empty() && us <= slice_us;
   for (Stream* stream : dirty_) {
-    stream->deliver();
-    schedule(*stream);
+    if (fits || find(stream->name()) != stream) {  // One apart has a single viewer.
+      deliver(*stream);
+    } else if (!std::exchange(stream->late_, true)) {
+      const std::string& sender = stream->payer().empty() ? stream->name() : stream->payer();
+      late_.push(sender, std::llround(stream->delivery_us()), stream->name());
+    }
   }
   dirty_.clear();
+  for (us = 0; !late_.empty() && us < slice_us;) {
+    const auto next = late_.pop();
+    Stream* stream = find(next.item);
+    if (stream == nullptr || !std::exchange(stream->late_, false)) continue;
+    us += static_cast<double>(next.cost);
+    deliver(*stream);
+  }
+  return !late_.empty();
+}
+
+void Hub::deliver(Stream& stream) {
+  stream.deliver();
+  schedule(stream);
 }
 
 void Hub::forget(decltype(streams_)::iterator stream) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "broker/relay/stream.h"
+#include "common/core/fair_queue.h"
 
 namespace eigencast::broker {
 
@@ -59,7 +61,8 @@ class Hub {
   void mark_dirty(Stream& stream) {
     if (dirty_.empty() || dirty_.back() != &stream) dirty_.push_back(&stream);
   }
-  void deliver();
+  /// What takes longer than `slice_us`, by an estimate, waits for later calls, senders in fair turns. True: some does.
+  bool deliver(double slice_us = std::numeric_limits<double>::infinity());
   std::optional<TimeUs> next_due_us() const;
 
   /// Sorted by name, those after a name only; valid until the next open() or unwatched().
@@ -68,6 +71,7 @@ class Hub {
   std::int64_t memory_bytes() const { return settings_.stream.memory->poses.used(); }  ///< Of all loops' streams.
 
  private:
+  void deliver(Stream& stream);
   void schedule(Stream& stream);
   void unschedule(Stream& stream);
   bool make_room(const StreamHolder& holder, bool own);
@@ -80,6 +84,7 @@ class Hub {
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::size_t admitted_ = 0;
   std::vector<Stream*> dirty_;
+  FairQueue<std::string> late_;  ///< Names of dirty streams.
   std::set<std::pair<TimeUs, Stream*>> wakeups_;  ///< Streams by Stream::wake_us_.
   std::vector<Stream*> pumping_;                  ///< Scratch.
 };

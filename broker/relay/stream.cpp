@@ -31,6 +31,7 @@ constexpr double kRecalledPerUs = 250, kCodedAnewPerUs = 85;  ///< Besides decod
 constexpr std::size_t kMaxPayersAsked = 8;
 // What a key costs a profile besides poses: pacing, cutting bands.
 constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
+constexpr double kOfferedUs = 0.1;       ///< A frame and a viewer, with what brings it to the socket.
 constexpr TimeUs kRetryUs = 50'000;      ///< After a key that nobody paid for.
 constexpr double kTraceUs = 2;           ///< A viewer that is told one.
 constexpr std::int64_t kMaxTraced = 64;  ///< Viewers of a stream that are told any, as its sender pays.
@@ -464,6 +465,14 @@ void Stream::pump(TimeUs now_us) {
 void Stream::deliver() {
   if (!std::exchange(has_pending_, false)) return;
   for (auto& [key, group] : groups_) deliver(*group);
+}
+
+double Stream::delivery_us() const {
+  double us = 1;
+  if (!has_pending_) return us;
+  for (const auto& [key, group] : groups_)
+    us += kOfferedUs * static_cast<double>(group->pending.size() * group->watchers.size());
+  return us;
 }
 
 std::optional<TimeUs> Stream::next_due_us() const {

@@ -218,6 +218,10 @@ class Stream {
   /// The same for a frame of any tag.
   Result<void> take_frame(const WireFrame& frame, TimeUs now_us);
   void deliver();
+  /// About how long deliver() takes.
+  double delivery_us() const;
+  /// Whether it has to wait for its turn.
+  bool is_late() const { return late_; }
 
   /// Replaces what keys may be predicted from; null: nothing. Where the one before is not continued its state in the
   /// chain is void, on the sender's side, too. REQUIRES: of layout().
@@ -387,6 +391,7 @@ class Stream {
   mutable std::map<std::size_t, std::shared_ptr<const std::string>> memory_texts_;  ///< Likewise, by `kept`.
   bool has_pending_ = false;                                                        ///< In any group.
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
+  bool late_ = false;              ///< Set by the hub: its delivery waits for its turn.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
   StreamHolder holder_;
   Keys keys_;

@@ -2,6 +2,7 @@
 #include "broker/sockets/turn.h"
 
 #include <boost/asio/post.hpp>
+#include <cmath>
 #include <utility>
 
 namespace eigencast::broker {
@@ -20,7 +21,7 @@ bool Gathering::waits(std::uint64_t poses, TimeUs now_us) {
   return waits_;
 }
 
-Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver)
+Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<bool()> deliver)
     : loop_(loop),
       log_(std::move(log)),
       deliver_(std::move(deliver)),
@@ -45,7 +46,9 @@ TimeUs Turn::begin_turn() {
 }
 
 void Turn::add(SocketWriter& writer, bool may_wait) {
-  if (writer.queue_ == SocketWriter::Queue::kNow || (may_wait && writer.queue_ == SocketWriter::Queue::kTick)) return;
+  using Queue = SocketWriter::Queue;
+  const Queue queue = writer.queue_;
+  if (queue == Queue::kNow || queue == Queue::kLate || (may_wait && queue == Queue::kTick)) return;
   forget(writer);
   writer.queue_ = may_wait ? SocketWriter::Queue::kTick : SocketWriter::Queue::kNow;
   auto& list = list_of(writer.queue_);
@@ -68,15 +71,18 @@ void Turn::arm_end() {
 
 void Turn::end_turn() {
   try {
-    deliver_();
+    const bool more = deliver_();
     end_armed_ = false;
     flush_all(now_);
+    if (more) arm_end();
   } catch (...) {  // The next turn retries, so there must be one.
     end_armed_ = false;
     now_us_ = 0;
+    at_once_ = 0;
     throw;
   }
   now_us_ = 0;
+  at_once_ = late_.empty() ? 0 : kMaxBatch;
 }
 
 void Turn::arm_tick() {
@@ -96,19 +102,48 @@ void Turn::flush_all(std::vector<SocketWriter*>& list) {
   flushing_.swap(list);
   std::erase(flushing_, nullptr);
   for (SocketWriter* writer : flushing_) writer->queue_ = SocketWriter::Queue::kNone;
-  for (SocketWriter* writer : flushing_) {
-    const int socket = ring_ ? writer->plain_socket() : -1;
-    if (socket < 0) {
-      writer->flush();
-      continue;
-    }
-    if (batched_ == kMaxBatch || !has_room(*ring_)) submit();
-    if (!add_pieces(*ring_, *writer, socket)) continue;
-    writer->batch_ = batch_;
-    ++batched_;
+  double us = 0;
+  for (const SocketWriter* writer : flushing_) us += writer->write_us();
+  const bool fits = late_.empty() && us <= kSliceUs;
+  for (SocketWriter* writer : flushing_) fits ? flush(*writer) : put_off(*writer);
+  flushing_.clear();
+  flush_slice();
+}
+
+void Turn::flush(SocketWriter& writer) {
+  const int socket = ring_ ? writer.plain_socket() : -1;
+  if (socket < 0) return writer.flush();
+  if (batched_ == kMaxBatch || !has_room(*ring_)) submit();
+  if (!add_pieces(*ring_, writer, socket)) return;
+  writer.batch_ = batch_;
+  ++batched_;
+}
+
+void Turn::put_off(SocketWriter& writer) {
+  if (late_free_.empty()) {
+    late_free_.push_back(static_cast<std::uint32_t>(late_writers_.size()));
+    late_writers_.push_back(nullptr);
+  }
+  const std::uint32_t place = late_free_.back();
+  late_.push(writer.purse(), static_cast<std::int64_t>(std::ceil(writer.write_us())), place);
+  late_free_.pop_back();
+  late_writers_[place] = &writer;
+  writer.slot_ = place;
+  writer.queue_ = SocketWriter::Queue::kLate;
+}
+
+void Turn::flush_slice() {
+  for (double us = 0; !late_.empty() && us < kSliceUs;) {
+    const auto next = late_.pop();
+    late_free_.push_back(next.item);
+    SocketWriter* writer = std::exchange(late_writers_[next.item], nullptr);
+    if (writer == nullptr) continue;
+    us += static_cast<double>(next.cost);
+    writer->queue_ = SocketWriter::Queue::kNone;
+    flush(*writer);
   }
   submit();
-  flushing_.clear();
+  if (!late_.empty()) arm_end();
 }
 
 void Turn::submit() {

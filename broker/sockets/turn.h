@@ -12,6 +12,7 @@
 #include "broker/sockets/net.h"
 #include "broker/sockets/transport.h"
 #include "common/core/clock.h"
+#include "common/core/fair_queue.h"
 #include "common/core/log.h"
 #include "common/core/result.h"
 
@@ -55,10 +56,14 @@ class SocketWriter {
   virtual void written(const Transport::Outcome& outcome) = 0;
   /// The same for bytes given to Turn::send().
   virtual void sent(const Transport::Outcome& outcome) = 0;
+  /// The same for all who share their turns with it.
+  virtual const void* purse() const = 0;
+  /// About how long flush() takes.
+  virtual double write_us() const = 0;
 
  private:
   friend class Turn;
-  enum class Queue : std::uint8_t { kNone, kNow, kTick };
+  enum class Queue : std::uint8_t { kNone, kNow, kTick, kLate };
   Queue queue_ = Queue::kNone;
   std::uint32_t slot_ = 0;
   std::uint64_t batch_ = 0;  ///< The last that had writes of it.
@@ -83,7 +88,8 @@ void tell_writers(Uring& uring);
 
 /// One turn of an event loop: the output of all ready handlers is written at its end, one write per connection. Under
 /// load, output of connections with several streams waits for the next tick (see Gathering). Writes go through io_uring
-/// in batches where the kernel has it, else one by one. Belongs to its event loop.
+/// in batches where the kernel has it, else one by one. What takes longer than a slice waits for slices of later turns,
+/// holders in fair turns, so that others' input is read in between. Belongs to its event loop.
 class Turn {
  public:
   struct Settings {
@@ -91,14 +97,20 @@ class Turn {
     bool uring = true;  ///< Where the kernel has it.
   };
 
-  /// Calls `deliver` at the end of each turn, before the writes.
-  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver);
+  static constexpr double kSliceUs = 500;  ///< Of writes; of deliveries.
+
+  /// Calls `deliver` at the end of each turn, before the writes. True: the next turn has to go on with it.
+  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<bool()> deliver);
   Turn(const Turn&) = delete;
 
   /// Opens io_uring; on the loop's thread, before the loop runs.
   void begin();
 
   TimeUs now_us() { return now_us_ != 0 ? now_us_ : begin_turn(); }
+
+  /// Whether one may write before the turn ends: most do, but for what is beyond a batch, or behind what is late.
+  bool writes_at_once() const { return at_once_ < kMaxBatch; }
+  void note_written_at_once() { ++at_once_; }
 
   /// Whether writes join a batch, which is written when the turn ends or is full.
   bool batches() const { return ring_ != nullptr; }
@@ -119,6 +131,8 @@ class Turn {
 
   /// Flushes the writer at the end of this turn, or if it `may_wait` at the next tick.
   void add(SocketWriter& writer, bool may_wait);
+  /// Whether it waits for a slice of a later turn.
+  static bool is_late(const SocketWriter& writer) { return writer.queue_ == SocketWriter::Queue::kLate; }
   /// Removes the writer; call before its socket is closed.
   void forget(SocketWriter& writer);
   /// Whether `poses` due to a connection of several streams may wait for the next tick.
@@ -131,13 +145,16 @@ class Turn {
   void end_turn();
   void arm_tick();
   std::vector<SocketWriter*>& list_of(SocketWriter::Queue queue) {
-    return queue == SocketWriter::Queue::kNow ? now_ : tick_;
+    return queue == SocketWriter::Queue::kNow ? now_ : queue == SocketWriter::Queue::kTick ? tick_ : late_writers_;
   }
   void flush_all(std::vector<SocketWriter*>& list);
+  void flush(SocketWriter& writer);
+  void put_off(SocketWriter& writer);
+  void flush_slice();
 
   asio::io_context& loop_;
   LogSink log_;
-  std::function<void()> deliver_;
+  std::function<bool()> deliver_;
   const bool wants_uring_;
   Gathering gathering_;
   std::shared_ptr<Uring> ring_;
@@ -145,9 +162,13 @@ class Turn {
   const void* held_last_ = nullptr;                ///< The last of held_.
   std::uint64_t batch_ = 1;
   unsigned batched_ = 0;  ///< Writes in the batch.
+  unsigned at_once_ = 0;  ///< Writes of this turn before its end.
   std::vector<SocketWriter*> now_;
   std::vector<SocketWriter*> tick_;
   std::vector<SocketWriter*> flushing_;  ///< Scratch.
+  FairQueue<std::uint32_t, const void*> late_;
+  std::vector<SocketWriter*> late_writers_;  ///< What late_ has places of; null: forgotten.
+  std::vector<std::uint32_t> late_free_;     ///< Places that nobody has.
   Timer timer_;
   TimeUs now_us_ = 0;  ///< When the turn began; 0: none has.
   bool end_armed_ = false;

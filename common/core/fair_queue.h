@@ -16,7 +16,7 @@ namespace eigencast {
 /// What waits for something of which all have too little, in fair turns: next is an item of the holder who has had
 /// least, by costs, since others began to wait; those of one holder keep their order (Goyal, Vin and Cheng: Start-time
 /// Fair Queueing, 1996). Holds no clock. Not thread-safe.
-template <typename Item>
+template <typename Item, typename Key = std::string>
 class FairQueue {
  public:
   struct Waiting {
@@ -25,10 +25,10 @@ class FairQueue {
   };
 
   /// False, and nothing changes: its holder has its share_of() `max` already, in costs; one without a name is spared.
-  bool push(const std::string& holder, std::int64_t cost, Item item, std::int64_t max = std::int64_t{1} << 62) {
+  bool push(const Key& holder, std::int64_t cost, Item item, std::int64_t max = std::int64_t{1} << 62) {
     const auto found = holders_.find(holder);
     const std::int64_t waiting = found == holders_.end() ? 0 : found->second.cost;
-    if (waiting + cost > share_of(max, cost_, waiting, holder.empty())) return false;
+    if (waiting + cost > share_of(max, cost_, waiting, holder == Key())) return false;
     Holder& own = found == holders_.end() ? holders_[holder] : found->second;
     if (own.items.empty()) turns_.emplace(own.had = std::max(own.had, had_), &own);
     own.items.push_back({cost, std::move(item)});
@@ -69,7 +69,7 @@ class FairQueue {
     std::deque<Waiting> items;
   };
 
-  std::map<std::string, Holder> holders_;
+  std::map<Key, Holder> holders_;
   std::set<std::pair<std::int64_t, Holder*>> turns_;  ///< Of those who have items.
   std::int64_t had_ = 0;                              ///< What those had whose turn it was last.
   std::int64_t cost_ = 0;                             ///< Of all items.

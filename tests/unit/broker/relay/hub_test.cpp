@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 
 #include "tests/unit/broker/support.h"
@@ -204,6 +205,45 @@ class RoomForManyTest : public RoomTest {
  protected:
   RoomForManyTest() : RoomTest(1'024) {}
 };
+
+TEST_F(RoomForManyTest, ManyStreamsOfOneAreDeliveredInSlicesAndDelayOthersByOneSlice) {
+  constexpr std::size_t kStreams = 20, kOfSlice = 4;
+  std::vector<FakeSender> senders(kStreams + 1);
+  std::vector<FakeReceiver> receivers(kStreams + 1);
+  std::vector<Stream*> streams;
+  for (std::size_t i = 0; i <= kStreams; ++i) {
+    const std::string name = "s" + std::to_string(i);
+    ASSERT_TRUE(announce(senders[i], name, i < kStreams ? stranger_ : camera_, account_));
+    streams.push_back(hub_.find(name));
+    ASSERT_TRUE(streams[i]->watch(receivers[i], kRaw));
+  }
+  auto key = [&, now = TimeUs{1'000'000}](std::size_t i) mutable {
+    now += 1'000;
+    ASSERT_TRUE(streams[i]->take_frame(senders[i].next(now), now));
+    hub_.mark_dirty(*streams[i]);
+  };
+  const auto came = [&] {
+    return std::count_if(receivers.begin(), receivers.end(), [](const auto& one) { return !one.frames.empty(); });
+  };
+  for (std::size_t i = 0; i < kStreams; ++i) key(i);
+  const double slice_us = kOfSlice;  // A delivery counts a little more than a microsecond.
+  EXPECT_TRUE(hub_.deliver(slice_us));
+  EXPECT_EQ(came(), std::ptrdiff_t{kOfSlice});
+  key(kStreams);
+  key(kStreams - 1);
+  leave(senders[kStreams - 2], "s18");
+  streams[kStreams - 2]->unwatch(receivers[kStreams - 2]);
+  hub_.drop(*streams[kStreams - 2]);
+  EXPECT_TRUE(hub_.deliver(slice_us));
+  EXPECT_EQ(receivers[kStreams].frames.size(), 1u) << "at most one of each other sender before it";
+  EXPECT_EQ(came(), std::ptrdiff_t{2 * kOfSlice + 1}) << "and the last of the sender that left";
+  int turns = 2;
+  for (; hub_.deliver(slice_us); ++turns) {
+  }
+  EXPECT_LE(turns, 6);
+  EXPECT_EQ(came(), std::ptrdiff_t{kStreams + 1}) << "all";
+  EXPECT_EQ(receivers[kStreams - 1].frames.size(), 2u) << "of what waited twice";
+}
 
 TEST_F(RoomForManyTest, StrangersLeaveRoomToSendersWithTokensAndToEachOther) {
   std::array<FakeSender, 1'100> senders;

@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <array>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
+#include <iterator>
 #include <new>
 #include <optional>
 #include <string>
@@ -24,17 +26,20 @@ class TurnTest : public ::testing::Test, public SocketWriter {
   std::size_t pieces(std::span<iovec>) override { return 0; }
   void written(const Transport::Outcome&) override {}
   void sent(const Transport::Outcome&) override {}
+  const void* purse() const override { return nullptr; }
+  double write_us() const override { return 1; }
 
-  void deliver() {
+  bool deliver() {
     steps_.push_back("deliver");
     if (std::exchange(fails_, false)) throw std::bad_alloc();
     if (has_output_) turn_.add(*this, false);
+    return false;
   }
 
   Steps steps_;
   bool has_output_ = false, fails_ = false;
   asio::io_context loop_{1};
-  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [this] { deliver(); }};
+  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [this] { return deliver(); }};
 };
 
 TEST_F(TurnTest, FlushesOnceAfterDelivery) {
@@ -67,6 +72,51 @@ TEST_F(TurnTest, FailedTurnIsRetriedWithItsWrites) {
   EXPECT_EQ(steps_, (Steps{"deliver", "deliver", "flush"}));
 }
 
+/// One of a holder, whose writes take a part of a slice.
+struct Held final : SocketWriter {
+  Held(std::vector<const Held*>& all, const void* owner, double part) : order(all), holder(owner), us(part) {}
+  void flush() override { order.push_back(this); }
+  int plain_socket() override { return -1; }
+  std::size_t pieces(std::span<iovec>) override { return 0; }
+  void written(const Transport::Outcome&) override {}
+  void sent(const Transport::Outcome&) override {}
+  const void* purse() const override { return holder; }
+  double write_us() const override { return us; }
+  std::vector<const Held*>& order;
+  const void* holder;
+  double us;
+};
+
+/// A crowd of some holders, and one who comes when it waits already.
+TEST(TurnShares, ACrowdIsWrittenInSlicesAndDelaysOthersByOneSlice) {
+  constexpr std::size_t kHolders = 4, kOfSlice = 10;
+  asio::io_context loop{1};
+  Turn turn(loop, Turn::Settings{}, LogSink{}, [] { return false; });
+  std::vector<const Held*> order;
+  const std::array<int, kHolders> holders{};
+  std::vector<Held> crowd;
+  for (std::size_t i = 0; i < 100; ++i) crowd.emplace_back(order, &holders[i % kHolders], Turn::kSliceUs / kOfSlice);
+  Held innocent(order, &innocent, 5);
+  for (Held& writer : crowd) turn.add(writer, false);
+  loop.run_one();
+  EXPECT_EQ(order.size(), kOfSlice) << "of a turn";
+  EXPECT_TRUE(Turn::is_late(crowd.back()));
+  EXPECT_FALSE(turn.writes_at_once()) << "nobody overtakes those who wait";
+  turn.add(innocent, false);
+  turn.add(crowd.back(), false);
+  turn.forget(crowd[50]);
+  loop.run_one();
+  const auto came = std::find(order.begin() + kOfSlice, order.end(), &innocent);
+  EXPECT_LE(came - order.begin(), static_cast<std::ptrdiff_t>(kOfSlice + kHolders)) << "one of each holder before it";
+  loop.run();
+  EXPECT_EQ(order.size(), crowd.size()) << "all but the forgotten one, once each, and the innocent one";
+  EXPECT_TRUE(turn.writes_at_once());
+  std::vector<const Held*> of_first;
+  std::copy_if(order.begin(), order.end(), std::back_inserter(of_first),
+               [&](const Held* writer) { return writer->holder == &holders[0]; });
+  EXPECT_TRUE(std::is_sorted(of_first.begin(), of_first.end())) << "a holder's keep their order";
+}
+
 /// One that is sent to: keeps what it is told.
 struct Told final : SocketWriter {
   void flush() override {}
@@ -74,6 +124,8 @@ struct Told final : SocketWriter {
   std::size_t pieces(std::span<iovec>) override { return 0; }
   void written(const Transport::Outcome&) override {}
   void sent(const Transport::Outcome& what) override { outcome = what; }
+  const void* purse() const override { return nullptr; }
+  double write_us() const override { return 1; }
   std::optional<Transport::Outcome> outcome;
 };
 
@@ -104,7 +156,7 @@ class BatchTest : public ::testing::Test {
   }
 
   asio::io_context loop_{1};
-  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [] {}};
+  Turn turn_{loop_, Turn::Settings{}, LogSink{}, [] { return false; }};
 };
 
 TEST_F(BatchTest, TellsOfFailuresAndWhereAskedFor) {
