@@ -11,6 +11,7 @@
 
 #include "broker/backbone/nats_link_impl.h"
 #include "broker/config/config.h"
+#include "common/core/clock.h"
 #include "common/core/text.h"
 #include "common/core/user_info.h"
 
@@ -37,7 +38,7 @@ Bytes data_of(natsMsg* message) {
 
 /// How far the wall clock is ahead of the steady one.
 std::chrono::nanoseconds wall_ahead() {
-  return std::chrono::system_clock::now().time_since_epoch() - std::chrono::steady_clock::now().time_since_epoch();
+  return std::chrono::microseconds(unix_at_steady_zero_us());
 }
 
 std::string bucket_of(std::string prefix) {

@@ -8,6 +8,7 @@
 
 #include "broker/relay/stream.h"
 #include "broker/storage/recorder_parts.h"
+#include "common/core/clock.h"
 #include "common/core/share.h"
 
 namespace eigencast::broker {
@@ -24,7 +25,7 @@ Recorder::Recorder(Settings settings, AssetStore& assets, LogSink log)
     : settings_(std::move(settings)),
       assets_(assets),
       log_(std::move(log)),
-      unix_ahead_us_(static_cast<TimeUs>(unix_now_us()) - steady_now_us()),
+      unix_ahead_us_(unix_at_steady_zero_us()),
       thread_([this] { run(); }) {}
 
 Recorder::~Recorder() {
