@@ -216,7 +216,7 @@ void Broker::run() {
     const auto replaces = [this] { return config().streams.second_sender == "replace"; };
     const auto remembers = [this] { return config().memory.enabled; };
     member_->start({loop(), background_, epochs_, loops_.first().hub(), context().memory_reads, replaces, remembers,
-                    [this] { loops_.first().arm_schedule(); }});
+                    [this] { context().turn.arm(); }});
   }
   tick();
   watch();

@@ -82,6 +82,7 @@ Cost run(const std::vector<Bytes>& keys, std::size_t streams, double rate, const
          due = hub.next_due_us()) {
       pumped_us = std::max(*due, pumped_us + kPumpGapUs);
       hub.pump(pumped_us);
+      hub.deliver();
     }
   };
   double begun = 0;

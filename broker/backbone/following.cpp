@@ -306,7 +306,6 @@ void Following::take(const RemotePtr& kept, Bytes message, bool recalled) {
   if (remote.recalls && !remote.follower.is_joined()) take_plain_frames(kept);
   if (!remote.follower.is_joined()) note(remote.stream->name());
   hub_->mark_dirty(*remote.stream);
-  hub_->deliver();
   environment_.frames_came();
 }
 

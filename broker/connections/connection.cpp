@@ -27,8 +27,6 @@ constexpr double kMostTimes = 5, kMostMoreUs = 500;
 constexpr double kBinaryBytesPerUs = 2'000;
 // JSON at its worst, "[]" over and over; acknowledgements and all else that is common is shorter.
 constexpr double kShortBytes = 1024, kJsonBytesPerUs = 28;
-// A holder over its budget waits for so long, then in turn with all who do.
-constexpr TimeUs kMaxPauseUs = 2'000'000;
 // Rare, so that a pause costs little beside what it is for.
 constexpr TimeUs kMinPauseUs = 5'000;
 
@@ -36,9 +34,6 @@ constexpr TimeUs kMinPauseUs = 5'000;
 constexpr std::uint32_t kRightsRetryMs = 500;
 
 constexpr double kAnswerUs = 3;
-/// Of a frame written: 1 alone, 0.3 with others; a crowd of 10,000 behind one address gets 30 a second.
-constexpr double kDeliveryUs = 0.5;
-constexpr double kRecordUs = 5;  // Of TLS, with all that leaves in one turn.
 
 // Longer control messages count as several.
 constexpr double kBytesPerMessage = 256;
@@ -447,11 +442,7 @@ void Connection::tick() {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the configuration no longer lets in " + grant_->label());
     return send_bye("the rights of this connection have changed: connect again", kRightsRetryMs, CloseCode::kPolicy);
   }
-  const auto frames = static_cast<double>(frames_sent_ - std::exchange(frames_paid_, frames_sent_));
-  const double work_us = kDeliveryUs * frames + Outbox::kOfferUs * static_cast<double>(std::exchange(offered_, 0)) +
-                         kRecordUs * static_cast<double>(std::exchange(records_, 0));
-  const TimeUs paid_us = grant_->charge_deliveries(work_us, context_.turn.now_us());
-  outbox_.hold_until(paid_us > 0 ? context_.turn.now_us() + std::min(paid_us, kMaxPauseUs) : 0);
+  pay_for_output();
   if (watch_.is_probing()) check_window();  // The TCP acknowledgement of a ping shows the window even without a pong.
   on_tick();
 }
@@ -474,6 +465,7 @@ void Connection::ended() {
   blocked_ = true;
   write_queue_.clear();
   if (!open_) return;
+  pay_for_output();
   counted_.reset();
   context_.connections.erase(this);
   on_closed();

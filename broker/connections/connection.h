@@ -132,6 +132,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   TimeUs take_control(double messages);
   /// Takes unpaid_us_ from the budget of the holder; waits at least `wait_us`.
   void pay(TimeUs wait_us);
+  /// A holder over its budget waits for so long, then in turn with all who do.
+  static constexpr TimeUs kMaxPauseUs = 2'000'000;
   /// Reading goes on by itself in time.
   void pause(TimeUs wait_us);
   void resume_reading();
@@ -149,6 +151,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void note_write(const Frame& frame);
   void note_first_write(FrameTimes& times);
   void count_sent(std::int64_t frames, std::int64_t bytes);
+  /// Who cannot gets no frames for a while.
+  void pay_for_output();
   void check_window();
   void block(Transport::Wait wait);
   void on_all_written();
@@ -166,8 +170,10 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::uint64_t frames_sent_ = 0;
   std::uint64_t bytes_sent_ = 0;
   std::uint64_t frames_paid_ = 0;  ///< Of those sent.
-  std::uint64_t offered_ = 0;      ///< Frames queued that are not paid yet.
-  std::uint64_t records_ = 0;      ///< Of TLS, written and not paid yet.
+  std::uint64_t bytes_paid_ = 0;
+  std::uint64_t joined_ = 0;   ///< Frames written behind others in one write, not paid yet; likewise:
+  std::uint64_t offered_ = 0;  ///< Frames queued,
+  std::uint64_t records_ = 0;  ///< and records of TLS.
   Transport transport_;
   ReaderWatch watch_;
   std::vector<Outbox::Item> write_queue_;  ///< Written next, in order.

@@ -13,8 +13,8 @@ using websocket::Opcode;
 
 // Bounds one write, so that frames behind it can still be replaced by newer ones.
 constexpr std::size_t kMaxWriteBytes = 128 * 1024;
-// About what a write takes, and a message of it.
-constexpr double kWriteUs = 3, kPieceUs = 0.3;
+// About what a write takes on the machine of docs/performance.md, besides each message of it, and a record of TLS.
+constexpr double kWriteUs = 3, kPieceUs = 1, kWrittenBytesPerUs = 10'000, kRecordUs = 3;
 
 ByteView bytes_of(const Outbox::Item& item) {
   if (item.frame) return item.frame->wire;
@@ -106,7 +106,22 @@ std::size_t Connection::unread_answers() const {
 }
 
 double Connection::write_us() const {
-  return kWriteUs + kPieceUs * static_cast<double>(write_queue_.size());
+  return (transport_.is_tls() ? kWriteUs + kRecordUs : kWriteUs) + kPieceUs * static_cast<double>(write_queue_.size());
+}
+
+void Connection::pay_for_output() {
+  // Fewer than before where bytes counted as sent did not leave.
+  const auto since = [](std::uint64_t& paid, std::uint64_t sent) {
+    return static_cast<double>(static_cast<std::int64_t>(sent - std::exchange(paid, sent)));
+  };
+  const double frames = since(frames_paid_, frames_sent_), bytes = since(bytes_paid_, bytes_sent_);
+  const double writes = frames - static_cast<double>(std::exchange(joined_, 0));
+  const double work_us = kWriteUs * writes + kPieceUs * frames + bytes / kWrittenBytesPerUs +
+                         Outbox::kOfferUs * static_cast<double>(std::exchange(offered_, 0)) +
+                         kRecordUs * static_cast<double>(std::exchange(records_, 0));
+  const TimeUs now_us = context_.turn.now_us();
+  const TimeUs paid_us = grant_->charge_deliveries(work_us, now_us);
+  outbox_.hold_until(paid_us > 0 ? now_us + std::min(paid_us, kMaxPauseUs) : 0);
 }
 
 int Connection::plain_socket() {
@@ -169,6 +184,7 @@ void Connection::note_first_write(FrameTimes& times) {
 
 void Connection::check_window() {
   window_check_due_ = false;
+  pay_for_output();
   if (closing_ || ended_ || outbox_.acknowledges()) return;
   const auto window = peer_window(transport_.socket().native_handle());
   if (!window) return;
@@ -178,7 +194,7 @@ void Connection::check_window() {
 }
 
 void Connection::drop_written(std::size_t bytes) {
-  std::size_t whole = 0;
+  std::size_t whole = 0, frames = 0;
   partial_bytes_ += bytes;
   for (; whole < write_queue_.size(); ++whole) {
     const std::size_t size = bytes_of(write_queue_[whole]).size();
@@ -187,6 +203,7 @@ void Connection::drop_written(std::size_t bytes) {
     queued_bytes_ -= size;
     if (!write_queue_[whole].frame) continue;
     count_sent(1, static_cast<std::int64_t>(size));
+    joined_ += frames++ > 0 ? 1 : 0;
     if (watch_.note_sent()) window_check_due_ = true;
   }
   write_queue_.erase(write_queue_.begin(), write_queue_.begin() + static_cast<std::ptrdiff_t>(whole));

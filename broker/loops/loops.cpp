@@ -137,7 +137,7 @@ void Loop::arm_schedule() {
     scheduled_us_.reset();
     pumped_us_ = steady_now_us();
     guarded([this] { hub_.pump(pumped_us_); });
-    arm_schedule();
+    turn_.arm();
   });
 }
 

@@ -47,11 +47,10 @@ class Loop {
   /// Runs `work` and logs its exception, so that the code after it runs. On the loop's thread.
   void guarded(const std::function<void()>& work) noexcept;
   void stop() { io_.stop(); }
-  /// Call when a stream may be due earlier than scheduled.
-  void arm_schedule();
 
  private:
   FairReads reads_on(DiskThreads& threads);
+  void arm_schedule();
   void tick();
   void tick_some();
   void arm_beat();

@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 #include <tuple>
+#include <utility>
 
 namespace eigencast::broker {
 namespace {
@@ -173,14 +174,11 @@ void Hub::drop(Stream& stream) {
 }
 
 void Hub::pump(TimeUs now_us) {
-  pumping_.clear();
-  for (const auto& [due_us, stream] : wakeups_) {
-    if (due_us > now_us) break;
-    pumping_.push_back(stream);
-  }
-  for (Stream* stream : pumping_) {
-    stream->pump(now_us);
-    schedule(*stream);
+  while (!wakeups_.empty() && wakeups_.begin()->first <= now_us) {
+    Stream& stream = *wakeups_.begin()->second;
+    unschedule(stream);
+    stream.due_us_ = now_us;
+    mark_dirty(stream);
   }
 }
 
@@ -208,7 +206,8 @@ bool Hub::deliver(double slice_us) {
 }
 
 void Hub::deliver(Stream& stream) {
-  stream.deliver();
+  const auto due_us = std::exchange(stream.due_us_, std::nullopt);
+  due_us ? stream.pump(*due_us) : stream.deliver();
   schedule(stream);
 }
 

@@ -56,6 +56,7 @@ class Hub {
   /// Removes it with the pose it holds. REQUIRES: no publisher, no watchers.
   void drop(Stream& stream);
 
+  /// Marks the streams that are due: deliver() makes their frames.
   void pump(TimeUs now_us);
   /// Marks a stream that took frames or watchers: deliver() sends its frames and reschedules it.
   void mark_dirty(Stream& stream) {
@@ -86,7 +87,6 @@ class Hub {
   std::vector<Stream*> dirty_;
   FairQueue<std::string> late_;  ///< Names of dirty streams.
   std::set<std::pair<TimeUs, Stream*>> wakeups_;  ///< Streams by Stream::wake_us_.
-  std::vector<Stream*> pumping_;                  ///< Scratch.
 };
 
 }  // namespace eigencast::broker

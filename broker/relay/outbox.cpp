@@ -33,11 +33,29 @@ bool Outbox::push_pong(Text pong) {
 
 void Outbox::open_lane(std::uint32_t stream_id) {
   Lane* lane = find(stream_id);
-  if (lane == nullptr) lane = &lanes_.emplace_back();
+  if (lane == nullptr) {
+    const auto after =
+        std::upper_bound(lanes_.begin(), lanes_.end(), stream_id,
+                         [](std::uint32_t id, const Lane& other) { return id < other.stream_id; });
+    lane = &*lanes_.insert(after, Lane{});
+  }
   const Lane before = std::exchange(*lane, Lane{});
   lane->stream_id = stream_id;
+  lane->waits = before.waits;
   lane->dropped = before.dropped;
   lane->counts = before.counts;
+  open_windows();
+  wait(*lane);
+}
+
+void Outbox::close_lane(std::uint32_t stream_id) {
+  std::erase_if(lanes_, [&](const Lane& lane) { return lane.stream_id == stream_id; });
+  std::erase(waiting_, stream_id);
+  open_windows();
+}
+
+void Outbox::wait(Lane& lane) {
+  if (!std::exchange(lane.waits, true)) waiting_.push_back(lane.stream_id);
 }
 
 void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
@@ -53,6 +71,7 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
     lane->pose = frame;
     lane->pose_first = lane->key == nullptr;
   }
+  wait(*lane);
 }
 
 void Outbox::miss(std::uint32_t stream_id, std::size_t frames) {
@@ -62,6 +81,7 @@ void Outbox::miss(std::uint32_t stream_id, std::size_t frames) {
   skip(*lane, lane->pose);
   lane->newest.reset();
   lane->wants_join = true;
+  wait(*lane);
   lane->dropped += frames;
   lane->counts.dropped += frames;
   dropped_total_ += frames;
@@ -75,13 +95,21 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
     return item;
   }
   if (late_pong_) return Item{std::exchange(late_pong_, nullptr), nullptr};
-  for (std::size_t i = 0; i < lanes_.size(); ++i) {
-    Lane& lane = lanes_[(next_lane_ + i) % lanes_.size()];
-    if ((!lane.key && !lane.pose && !lane.wants_join) || window_closed(lane, now_us)) continue;
+  if (frames_wait(now_us)) return std::nullopt;
+  if (now_us >= reopen_us_) open_windows();
+  while (closed_ < waiting_.size()) {
+    Lane& lane = *find(waiting_[closed_]);
+    if (window_closed(lane, now_us)) {
+      reopen_us_ = std::min(reopen_us_, lane.last.sent_us + limits_.probe_us);
+      ++closed_;
+      continue;
+    }
     FramePtr frame = next_of(lane, join_of);
+    waiting_.erase(waiting_.begin() + static_cast<std::ptrdiff_t>(closed_));
+    lane.waits = false;
     if (!frame) continue;
+    if (lane.key || lane.pose) wait(lane);
     note_sent(lane, *frame, now_us);
-    next_lane_ = (next_lane_ + i + 1) % lanes_.size();
     return Item{nullptr, std::move(frame)};
   }
   return std::nullopt;
@@ -132,6 +160,7 @@ void Outbox::drop_unsent(const FramePtr& frame) {
   const bool is_last =
       !head.is_key() && !lane->key && (!lane->pose || lane->pose->envelope.capture_us < head.capture_us);
   if (is_last) std::swap(dropped, lane->pose);
+  if (is_last || head.is_key()) wait(*lane);
   skip(*lane, dropped);
   if (!head.is_key()) return;
   lane->newest.reset();
@@ -146,6 +175,7 @@ void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
     return sent.sequence == item.sequence && sent.step.byte() == item.step;
   });
   if (match == lane->in_flight.rend()) return;
+  open_windows();
   note_round_trip(now_us - match->sent_us, now_us);
   lane->in_flight.erase(lane->in_flight.begin(), match.base());
 }
@@ -202,10 +232,9 @@ void Outbox::skip(Lane& lane, FramePtr& waiting) {
 }
 
 Outbox::Lane* Outbox::find(std::uint32_t stream_id) {
-  for (Lane& lane : lanes_) {
-    if (lane.stream_id == stream_id) return &lane;
-  }
-  return nullptr;
+  const auto found = std::lower_bound(lanes_.begin(), lanes_.end(), stream_id,
+                                      [](const Lane& lane, std::uint32_t id) { return lane.stream_id < id; });
+  return found != lanes_.end() && found->stream_id == stream_id ? &*found : nullptr;
 }
 
 }  // namespace eigencast::broker

@@ -64,9 +64,7 @@ class Outbox {
 
   /// Opens a lane or resets it (new epoch, new profile): the receiver is assumed to have nothing.
   void open_lane(std::uint32_t stream_id);
-  void close_lane(std::uint32_t stream_id) {
-    std::erase_if(lanes_, [&](const Lane& lane) { return lane.stream_id == stream_id; });
-  }
+  void close_lane(std::uint32_t stream_id);
   void shrink() { control_.shrink_to_fit(); }
   /// Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
@@ -115,6 +113,7 @@ class Outbox {
     std::uint32_t stream_id = 0;
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
+    bool waits = false;                   ///< Its stream is in waiting_.
     FramePtr key;                         ///< Waiting key or join.
     FramePtr pose;                        ///< Waiting step or estimate.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
@@ -127,6 +126,8 @@ class Outbox {
   };
 
   Lane* find(std::uint32_t stream_id);
+  void wait(Lane& lane);
+  void open_windows() { closed_ = 0, reopen_us_ = ReaderWatch::kNever; }
   static bool decodable(const Frame& frame, std::optional<std::uint64_t> newest) {
     return frame.envelope.kind == FrameKind::kJoin || (newest && *newest == frame.builds_on);
   }
@@ -137,8 +138,9 @@ class Outbox {
         head.kind == FrameKind::kStep && head.sequence == lane.joined && head.step.at <= lane.joined_at;
     return lane.newest && (frame.builds_on < *lane.newest || step_is_past);
   }
+  bool frames_wait(TimeUs now_us) const { return now_us >= hold_from_us_ || is_held(now_us); }
   bool window_closed(const Lane& lane, TimeUs now_us) const {
-    return now_us >= hold_from_us_ || is_held(now_us) || (acknowledges_ && in_flight_too_long(lane, now_us));
+    return acknowledges_ && in_flight_too_long(lane, now_us);
   }
   bool in_flight_too_long(const Lane& lane, TimeUs now_us) const;
   FramePtr next_of(Lane& lane, const JoinSource& join_of);
@@ -149,7 +151,8 @@ class Outbox {
   void note_round_trip(TimeUs round_trip_us, TimeUs now_us);
   void skip(Lane& lane, FramePtr& waiting);
 
-  std::vector<Lane> lanes_;
+  std::vector<Lane> lanes_;             ///< By stream_id.
+  std::vector<std::uint32_t> waiting_;  ///< Streams whose lanes have something to send: with a closed window, in turn.
   std::vector<Text> control_;  ///< Oldest first.
   TimeUs hold_from_us_ = ReaderWatch::kNever;
   TimeUs hold_until_us_ = 0;
@@ -157,7 +160,8 @@ class Outbox {
   Limits limits_;
   Text late_pong_;
   std::size_t control_bytes_ = 0;
-  std::size_t next_lane_ = 0;
+  std::size_t closed_ = 0;                   ///< Of waiting_: found closed, and so until ...
+  TimeUs reopen_us_ = ReaderWatch::kNever;  ///< ... then, or an acknowledgement.
   std::optional<TimeUs> min_round_trip_;           ///< In the current period.
   std::optional<TimeUs> previous_min_round_trip_;  ///< In the period before it.
   TimeUs period_start_us_ = 0;
@@ -172,7 +176,7 @@ inline bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, T
   Lane& lane = *lanes_.begin();
   if (lane.stream_id != stream_id || lane.key || lane.pose) return false;
   // A receiver that has nothing may begin with this frame if it is a join.
-  if (!decodable(frame, lane.newest) || window_closed(lane, now_us)) return false;
+  if (!decodable(frame, lane.newest) || frames_wait(now_us) || window_closed(lane, now_us)) return false;
   if (frame.envelope.kind == FrameKind::kStep && is_overtaken(lane, frame)) return false;
   note_sent(lane, frame, now_us);
   return true;

@@ -469,9 +469,12 @@ void Stream::deliver() {
 
 double Stream::delivery_us() const {
   double us = 1;
-  if (!has_pending_) return us;
-  for (const auto& [key, group] : groups_)
-    us += kOfferedUs * static_cast<double>(group->pending.size() * group->watchers.size());
+  if (!has_pending_ && !due_us_) return us;
+  for (const auto& [key, group] : groups_) {
+    const std::size_t made = due_us_ ? 1 : 0;
+    us += kOfferedUs * static_cast<double>((group->pending.size() + made) * group->watchers.size());
+    if (due_us_ && group->feed.profile().scheme == Profile::Scheme::kCatmullRom) us += encoding_us(layout_, 0);
+  }
   return us;
 }
 

@@ -218,7 +218,7 @@ class Stream {
   /// The same for a frame of any tag.
   Result<void> take_frame(const WireFrame& frame, TimeUs now_us);
   void deliver();
-  /// About how long deliver() takes.
+  /// About how long deliver() takes, or pump() where it is due.
   double delivery_us() const;
   /// Whether it has to wait for its turn.
   bool is_late() const { return late_; }
@@ -391,6 +391,7 @@ class Stream {
   mutable std::map<std::size_t, std::shared_ptr<const std::string>> memory_texts_;  ///< Likewise, by `kept`.
   bool has_pending_ = false;                                                        ///< In any group.
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
+  std::optional<TimeUs> due_us_;   ///< Set by the hub: until when its frames are to be made.
   bool late_ = false;              ///< Set by the hub: its delivery waits for its turn.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
   StreamHolder holder_;

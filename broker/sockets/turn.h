@@ -107,6 +107,7 @@ class Turn {
   void begin();
 
   TimeUs now_us() { return now_us_ != 0 ? now_us_ : begin_turn(); }
+  void arm() { (void)now_us(); }  ///< So that one ends.
 
   /// Whether one may write before the turn ends: most do, but for what is beyond a batch, or behind what is late.
   bool writes_at_once() const { return at_once_ < kMaxBatch; }

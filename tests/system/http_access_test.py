@@ -5,6 +5,7 @@
     http_access_test.py BROKER [-v]
 """
 import base64
+import collections
 import contextlib
 import fcntl
 import hashlib
@@ -650,38 +651,68 @@ class HttpAccess(unittest.TestCase):
         self.assertGreater(taken, 0)
         self.assertLess(taken, 2000, "of 4,500, by one token over three connections")
 
-    def test_deliveries_are_paced_by_their_number(self):
-        data, _ = self.start(f"--access-jwt-secret={SECRET}", "--access-anonymous=nowhere", "--per-token-work-us-per-s=2000")
-        body, name = payloads.asset()
+    def viewed_stream(self, work_us_per_s):
+        """What sends one more key, what connects a viewer, and what viewers have lost, by a name of theirs."""
+        data, _ = self.start(f"--access-jwt-secret={SECRET}", "--access-anonymous=nowhere",
+                             f"--per-token-work-us-per-s={work_us_per_s}")
+        body, asset = payloads.asset()
         bearer = {"Authorization": f"Bearer {token('camera')}"}
-        self.assertEqual(ask(data, "PUT", f"/v1/assets/{name}", body, headers=bearer)[0], 201)
+        self.assertEqual(ask(data, "PUT", f"/v1/assets/{asset}", body, headers=bearer)[0], 201)
         sender = connect(data, "/v1/publish/a", "camera")
         self.addCleanup(sender.sock.close)
-        order(sender, "announce", asset=name, key_rate_hz=50,
+        order(sender, "announce", asset=asset, key_rate_hz=50,
               format={"rows": 16, "channels": 3, "band_ends": [16], "codec": "quantised"})
-        chain, tag, lost = payloads.Chain(), hear(sender, "announced")["tag"], {"greedy": 0, "other": 0}
-        pose = lambda kind, i: chain.write(kind, 1, i, 1_000_000 + 1000 * i, tag)
+        chain, tag, lost = payloads.Chain(), hear(sender, "announced")["tag"], collections.Counter()
+        pose = lambda kind, i: frame(BINARY, chain.write(kind, 1, i, 1_000_000 + 1000 * i, tag) + body_of[kind])
+        body_of = {payloads.JOIN: bytes([2, 160, 160, 1, 2, 0x9F, 0x9F]), payloads.KEY: bytes([3, 1, 0xBF])}
 
-        def read(viewer, who):
+        def read(viewer, name):
             with contextlib.suppress(EOFError, OSError):
                 while True:
                     opcode, payload = viewer.receive()
                     if opcode == TEXT:
-                        lost[who] += json.loads(payload).get("frames_dropped", 0)
+                        lost[name] += json.loads(payload).get("frames_dropped", 0)
 
-        for who in 40 * ["greedy"] + ["other"]:
+        def view(who, name, reads=True):
             viewer = connect(data, "/v1/subscribe/a?rate=raw", who)
             self.addCleanup(viewer.sock.close)
             hear(viewer, "stream")
-            threading.Thread(target=read, args=(viewer, who), daemon=True).start()
-        sender.send(frame(BINARY, pose(payloads.JOIN, 0) + bytes([2, 160, 160, 1, 2, 0x9F, 0x9F])))
-        for i in range(1, 30_000):
-            sender.send(frame(BINARY, pose(payloads.KEY, i) + bytes([3, 1, 0xBF])))
+            if reads:
+                threading.Thread(target=read, args=(viewer, name), daemon=True).start()
+            return viewer
+
+        numbers = itertools.count(1)
+        sender.send(pose(payloads.JOIN, 0))
+        return lambda: sender.send(pose(payloads.KEY, next(numbers))), view, lost
+
+    def test_deliveries_are_paced_by_their_number(self):
+        send, view, lost = self.viewed_stream(8000)
+        for name in 40 * ["greedy"] + ["other"]:
+            view(name, name)
+        for _ in range(30_000):
+            send()
             if lost["greedy"] > 0:
                 break
             time.sleep(0.001)
-        self.assertGreater(lost["greedy"], 0, "20,000 of 0.5 us a second, four times what one may")
+        self.assertGreater(lost["greedy"], 0, "20,000 of 4 us a second, ten times what one may")
         self.assertEqual(lost["other"], 0)
+
+    def test_viewers_that_leave_have_paid_for_what_they_got(self):
+        send, view, lost = self.viewed_stream(1000)
+        viewers = [view("greedy", "gone", reads=False) for _ in range(60)]
+        for _ in range(30):
+            send()
+            while viewers[-1].receive()[0] != BINARY:
+                pass
+        for viewer in viewers:
+            viewer.sock.close()
+        view("greedy", "next")  # It watches 200 a second, of 4 us each; what those before got takes 7 s of its budget.
+        for _ in range(2000):
+            send()
+            if lost["next"] > 0:
+                break
+            time.sleep(0.005)
+        self.assertGreater(lost["next"], 0)
 
     def test_control_messages_are_paced_by_their_bytes(self):
         data, admin = self.start_with_asset("--per-token-work-us-per-s=1000")

@@ -48,7 +48,7 @@ Backbone::Environment Site::environment() {
     }
     return true;
   };
-  around.frames_came = [] {};
+  around.frames_came = [this] { hub->deliver(); };
   return around;
 }
 

@@ -47,7 +47,8 @@ TEST(HubTest, PumpsStreamsWhenDue) {
       if (due && (!earliest || *due < *earliest)) earliest = due;
     }
     EXPECT_EQ(hub.next_due_us(), earliest);
-    if (earliest && *earliest <= now) hub.pump(now);
+    hub.pump(now);
+    hub.deliver();
     EXPECT_TRUE(!hub.next_due_us() || *hub.next_due_us() > now);
   }
   EXPECT_GE(receivers[0].frames.size(), 25u);
@@ -243,6 +244,32 @@ TEST_F(RoomForManyTest, ManyStreamsOfOneAreDeliveredInSlicesAndDelayOthersByOneS
   EXPECT_LE(turns, 6);
   EXPECT_EQ(came(), std::ptrdiff_t{kStreams + 1}) << "all";
   EXPECT_EQ(receivers[kStreams - 1].frames.size(), 2u) << "of what waited twice";
+}
+
+TEST_F(RoomForManyTest, FramesThatAreDueAreMadeInSlices) {
+  constexpr std::size_t kStreams = 20, kOfSlice = 4;
+  std::vector<FakeSender> senders(kStreams);
+  std::vector<FakeReceiver> receivers(kStreams);
+  for (std::size_t i = 0; i < kStreams; ++i) {
+    const std::string name = "s" + std::to_string(i);
+    ASSERT_TRUE(announce(senders[i], name, stranger_, account_));
+    ASSERT_TRUE(hub_.find(name)->watch(receivers[i], kLinear));
+    for (const TimeUs now_us : {1'000'000, 1'030'000})
+      ASSERT_TRUE(hub_.find(name)->add_frame(senders[i].next(now_us), now_us));
+    hub_.mark_dirty(*hub_.find(name));
+  }
+  hub_.deliver();
+  for (auto& receiver : receivers) receiver.frames.clear();
+  hub_.pump(2'000'000);
+  const auto came = [&] {
+    return std::count_if(receivers.begin(), receivers.end(), [](const auto& one) { return !one.frames.empty(); });
+  };
+  EXPECT_EQ(came(), 0);
+  EXPECT_TRUE(hub_.deliver(kOfSlice));
+  EXPECT_EQ(came(), std::ptrdiff_t{kOfSlice});
+  while (hub_.deliver(kOfSlice)) {
+  }
+  EXPECT_EQ(came(), std::ptrdiff_t{kStreams}) << "all";
 }
 
 TEST_F(RoomForManyTest, StrangersLeaveRoomToSendersWithTokensAndToEachOther) {

@@ -157,6 +157,7 @@ TEST(LateFrames, NoneIsTakenForAnother) {
       }
       now += below(20'000);
       hub.pump(now);
+      hub.deliver();
       for (const Stream* each : hub.streams()) hub.find(each->name())->deliver();
       if (!stalled) viewer.write(below(8), now);
       viewer.read(below(6));

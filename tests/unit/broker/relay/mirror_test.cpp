@@ -152,7 +152,10 @@ TEST_F(MirrorTest, LoopsMakeTheSameFrames) {
     publish();
     flush();
     for (int ms = 0; ms < 30; ++ms) {
-      for (std::size_t loop = 0; loop < 3; ++loop) hub(loop).pump(now_ + ms * 1000);
+      for (std::size_t loop = 0; loop < 3; ++loop) {
+        hub(loop).pump(now_ + ms * 1000);
+        hub(loop).deliver();
+      }
     }
   }
   EXPECT_EQ(raw[0].frames.size(), 10u);

@@ -329,6 +329,47 @@ TEST_F(OutboxTest, LanesTakeTurns) {
   EXPECT_EQ(take(), std::nullopt);
 }
 
+TEST_F(OutboxTest, EachLaneHasAWindowOfItsOwn) {
+  const auto offer = [&](std::uint32_t id, std::uint64_t sequence) {
+    Envelope head;
+    head.kind = FrameKind::kJoin;
+    head.stream_id = id;
+    head.sequence = sequence;
+    head.bands = 1;
+    outbox_.offer(id, make_frame(head, nullptr, {}));
+  };
+  const auto sent = [&] {
+    std::vector<std::uint32_t> ids;
+    while (const auto item = outbox_.take(now_, [](auto) { return nullptr; }))
+      ids.push_back(item->frame->envelope.stream_id);
+    return ids;
+  };
+  using Ids = std::vector<std::uint32_t>;
+  for (const std::uint32_t id : {4u, 2u, 3u}) outbox_.open_lane(id);
+  EXPECT_EQ(sent(), Ids());
+  for (const std::uint32_t id : {3u, 1u, 4u, 2u}) offer(id, 1);
+  EXPECT_EQ(sent(), (Ids{3, 1, 4, 2})) << "in the order of offers";
+  outbox_.acknowledge({1, 1, 0}, now_);
+  for (const std::uint32_t id : {1u, 2u, 3u, 4u}) offer(id, 2);
+  EXPECT_EQ(sent(), (Ids{1, 2, 3, 4}));
+  now_ += 150'000;
+  for (const std::uint32_t id : {4u, 3u, 2u, 1u}) offer(id, 3);
+  EXPECT_EQ(sent(), Ids()) << "all windows are closed";
+  outbox_.acknowledge({3, 2, 0}, now_ - 150'000);
+  EXPECT_EQ(sent(), Ids{3});
+  offer(3, 4);
+  EXPECT_EQ(sent(), Ids{3}) << "its window stays open";
+  outbox_.close_lane(4);
+  outbox_.open_lane(2);
+  offer(2, 5);
+  EXPECT_EQ(sent(), Ids{2}) << "it begins anew";
+  now_ += 5'000'000;
+  EXPECT_EQ(sent(), Ids{1}) << "a probe";
+  outbox_.close_lane(1);
+  offer(1, 6);
+  EXPECT_EQ(sent(), Ids());
+}
+
 TEST_F(OutboxTest, HeldReceiverGetsJoinAfterHold) {
   join_at(1);
   EXPECT_EQ(take(), -1);
