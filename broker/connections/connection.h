@@ -83,7 +83,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void send_framed(const Outbox::Text& message);
   void deliver(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void send_droppable(const Outbox::Text& text);
-  /// Moves messages from the outbox into the write queue for the end of this turn, unless blocked.
+  /// Has what the outbox releases written at the end of this turn, unless blocked.
   void schedule_write();
   void send_error(const Error& error, const std::string& stream);
   /// Sends the error, then closes. Ignores further messages of the peer.
@@ -145,7 +145,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void give_message_up(const Error& why);
   std::size_t unread_answers() const;
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
-  void fill_write_queue();
+  /// Returns how many poses it took from the outbox.
+  std::uint64_t fill_write_queue();
+  std::size_t pieces_due() const;  ///< In the next write.
   void drop_written(std::size_t bytes);
   /// Call before the write: a viewer on the same machine may read the frame before the call returns.
   void note_write(const Frame& frame);

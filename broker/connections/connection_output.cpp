@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The writing half of a connection: from the outbox to the socket.
+#include <algorithm>
 #include <array>
 #include <utility>
 
@@ -13,8 +14,12 @@ using websocket::Opcode;
 
 // Bounds one write, so that frames behind it can still be replaced by newer ones.
 constexpr std::size_t kMaxWriteBytes = 128 * 1024;
+// More streams that have something wait, all of those of a viewer that comes back, until the slice of the write.
+constexpr std::size_t kAtOnce = 2;
 // About what a write takes on the machine of docs/performance.md, besides each message of it, and a record of TLS.
 constexpr double kWriteUs = 3, kPieceUs = 1, kWrittenBytesPerUs = 10'000, kRecordUs = 3;
+constexpr double kQueuedUs = 0.2;  // A frame for a connection, whether it leaves or not.
+constexpr double kCheckUs = 2.5;   // Of the peer's window.
 
 ByteView bytes_of(const Outbox::Item& item) {
   if (item.frame) return item.frame->wire;
@@ -56,7 +61,10 @@ void Connection::sent(const Transport::Outcome& outcome) {
 }
 
 void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames) {
-  if (watch_.is_check_due(context_.turn.now_us())) check_window();
+  if (watch_.is_check_due(context_.turn.now_us())) {
+    window_check_due_ = true;
+    context_.turn.add(*this, false);
+  }
   // It cannot pay: a join follows.
   if (outbox_.is_held(context_.turn.now_us())) return outbox_.miss(stream_id, frames.size());
   offered_ += frames.size();
@@ -69,12 +77,23 @@ void Connection::deliver_queued(std::uint32_t stream_id, std::span<const FramePt
 void Connection::schedule_write() {
   // What is late takes the newest along once it has left.
   if (blocked_ || close_queued_ || Turn::is_late(*this)) return;
-  guarded([this] { fill_write_queue(); });
+  guarded([this] {
+    const bool urgent = closing_ || outbox_.control_messages() > 0;
+    const std::uint64_t poses = closing_ || outbox_.waiting(context_.turn.now_us()) <= kAtOnce ? fill_write_queue() : 1;
+    if (pieces_due() == 0) return;
+    const bool full = queued_bytes_ >= kMaxWriteBytes || pieces_due() >= kMaxPieces;
+    const bool may_wait = outbox_.lanes() > 1 && context_.turn.gathers(poses) && !urgent && !full;
+    context_.turn.add(*this, may_wait);
+  });
 }
 
-void Connection::fill_write_queue() {
+std::size_t Connection::pieces_due() const {
+  const std::size_t waiting = outbox_.control_messages() + outbox_.waiting(context_.turn.now_us());
+  return std::min(write_queue_.size() + waiting, std::size_t{kMaxPieces});
+}
+
+std::uint64_t Connection::fill_write_queue() {
   std::uint64_t poses = 0;
-  bool urgent = closing_;
   const auto join = [this](std::uint32_t id) { return join_of(id); };
   while (queued_bytes_ < kMaxWriteBytes && write_queue_.size() < kMaxPieces && !close_queued_) {
     auto item = outbox_.take(context_.turn.now_us(), join);
@@ -86,16 +105,11 @@ void Connection::fill_write_queue() {
     } else if (closing_ && item->frame) {
       continue;
     }
-    urgent = urgent || item->text != nullptr;
     poses += item->frame ? 1 : 0;
     queued_bytes_ += bytes_of(*item).size();
     write_queue_.push_back(std::move(*item));
   }
-  if (write_queue_.empty()) return;
-  const bool full = queued_bytes_ >= kMaxWriteBytes || write_queue_.size() >= kMaxPieces;
-  const bool several = outbox_.lanes() > 1;
-  const bool may_wait = several && context_.turn.gathers(poses) && !urgent && !full;
-  context_.turn.add(*this, may_wait);
+  return poses;
 }
 
 std::size_t Connection::unread_answers() const {
@@ -106,7 +120,8 @@ std::size_t Connection::unread_answers() const {
 }
 
 double Connection::write_us() const {
-  return (transport_.is_tls() ? kWriteUs + kRecordUs : kWriteUs) + kPieceUs * static_cast<double>(write_queue_.size());
+  return kWriteUs + kPieceUs * static_cast<double>(pieces_due()) + (transport_.is_tls() ? kRecordUs : 0) +
+         (window_check_due_ ? kCheckUs : 0);
 }
 
 void Connection::pay_for_output() {
@@ -117,7 +132,7 @@ void Connection::pay_for_output() {
   const double frames = since(frames_paid_, frames_sent_), bytes = since(bytes_paid_, bytes_sent_);
   const double writes = frames - static_cast<double>(std::exchange(joined_, 0));
   const double work_us = kWriteUs * writes + kPieceUs * frames + bytes / kWrittenBytesPerUs +
-                         Outbox::kOfferUs * static_cast<double>(std::exchange(offered_, 0)) +
+                         kQueuedUs * static_cast<double>(std::exchange(offered_, 0)) +
                          kRecordUs * static_cast<double>(std::exchange(records_, 0));
   const TimeUs now_us = context_.turn.now_us();
   const TimeUs paid_us = grant_->charge_deliveries(work_us, now_us);
@@ -125,10 +140,11 @@ void Connection::pay_for_output() {
 }
 
 int Connection::plain_socket() {
-  return transport_.is_tls() ? -1 : transport_.socket().native_handle();
+  return transport_.is_tls() || window_check_due_ ? -1 : transport_.socket().native_handle();
 }
 
 std::size_t Connection::pieces(std::span<iovec> out) {
+  if (!blocked_) guarded([this] { fill_write_queue(); });
   if (blocked_) return 0;
   std::size_t count = 0;
   std::size_t skip = partial_bytes_;
@@ -142,6 +158,12 @@ std::size_t Connection::pieces(std::span<iovec> out) {
 }
 
 void Connection::flush() {
+  if (window_check_due_) {
+    guarded([this] {
+      check_window();
+      schedule_write();
+    });
+  }
   context_.turn.forget(*this);
   std::array<iovec, kMaxPieces> all;
   // TLS takes one record at a time; the rest is offered again until it has to wait.

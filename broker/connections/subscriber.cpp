@@ -17,6 +17,9 @@ namespace {
 /// Of a message about a room: what its making costs, of which those that get the same share a part only.
 constexpr double kNewsUs = 10, kNewsBytesPerUs = 50, kMomentUs = 1;
 constexpr double kWriteUs = 5, kWrittenBytesPerUs = 1'000;  // Which each has for itself.
+/// In a second, for streams that frames were dropped of.
+constexpr std::size_t kDroppedTold = 8;
+constexpr double kNoticeUs = 3;
 constexpr TimeUs kTellLagUs = 1'000, kNoteEveryUs = 100'000, kTellPacedUs = 1'000'000;
 
 }  // namespace
@@ -477,13 +480,15 @@ void Subscriber::step(Stream& stream, Ladder& ladder) {
 }
 
 void Subscriber::report_dropped() {
-  context().counters.joins_sent += outbox().joins_total() - std::exchange(joins_counted_, outbox().joins_total());
-  for (const Outbox::Dropped& dropped : outbox().take_dropped()) {
-    context().counters.frames_dropped += dropped.frames;
+  const std::uint64_t joins = outbox().joins_total(), dropped_total = outbox().dropped_total();
+  context().counters.joins_sent += joins - std::exchange(joins_counted_, joins);
+  context().counters.frames_dropped += dropped_total - std::exchange(dropped_counted_, dropped_total);
+  // A peer that does not read its queue gets no notice.
+  if (outbox().control_messages() > 0) return;
+  for (const Outbox::Dropped& dropped : outbox().take_dropped(kDroppedTold)) {
     const auto found = streams_.find(dropped.stream_id);
     if (found == streams_.end()) continue;
-    // A peer that does not read its queue gets no notice.
-    if (outbox().control_messages() > 0) continue;
+    charge(kNoticeUs);
     send(control::Notice{found->second.stream->name(),
                          "dropped " + std::to_string(dropped.frames) +
                              " frames that newer ones overtook before they could leave; where that goes on, a raw "

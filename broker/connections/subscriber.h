@@ -106,7 +106,7 @@ class Subscriber final : public Watcher, public Connection, private Rewind::View
   std::forward_list<std::shared_ptr<Rewind>> rewinds_;  ///< One of a stream; streams_ has what each watches.
   RateLimiter news_bytes_;
   TimeUs news_due_us_ = 0, rooms_due_us_ = 0, paced_told_us_ = 0;
-  std::uint64_t joins_counted_ = 0;
+  std::uint64_t joins_counted_ = 0, dropped_counted_ = 0;
 };
 
 }  // namespace eigencast::broker

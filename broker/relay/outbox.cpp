@@ -210,10 +210,15 @@ bool Outbox::in_flight_too_long(const Lane& lane, TimeUs now_us) const {
   return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last.sent_us < limits_.probe_us;
 }
 
-std::vector<Outbox::Dropped> Outbox::take_dropped() {
+std::vector<Outbox::Dropped> Outbox::take_dropped(std::size_t most) {
   std::vector<Dropped> all;
-  for (Lane& lane : lanes_) {
-    if (lane.dropped > 0) all.push_back({lane.stream_id, std::exchange(lane.dropped, 0)});
+  auto next = std::upper_bound(lanes_.begin(), lanes_.end(), told_dropped_,
+                               [](std::uint32_t id, const Lane& lane) { return id < lane.stream_id; });
+  for (std::size_t left = lanes_.size(); left > 0 && all.size() < most; --left, ++next) {
+    if (next == lanes_.end()) next = lanes_.begin();
+    if (next->dropped == 0) continue;
+    told_dropped_ = next->stream_id;
+    all.push_back({next->stream_id, std::exchange(next->dropped, 0)});
   }
   return all;
 }

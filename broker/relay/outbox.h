@@ -39,7 +39,7 @@ class Outbox {
   };
 
   static constexpr std::size_t kTextBytes = 64;  ///< What a Text takes besides its characters.
-  static constexpr double kOfferUs = 0.035;      ///< About what offering a frame takes, whether it leaves or not.
+  static constexpr double kOfferUs = 0.035;      ///< What a sender pays for a key that is offered.
 
   struct Item {  ///< One of the two is set.
     Text text;
@@ -87,15 +87,17 @@ class Outbox {
   /// Frames of all clients wait until then.
   void hold_until(TimeUs when_us) { hold_until_us_ = when_us; }
   bool is_held(TimeUs now_us) const { return now_us < hold_until_us_; }
-  /// Leaves out so many frames, and what waits, for a fraction of what offer() takes: a join comes next.
+  /// Leaves out so many frames, and what waits, for a fraction of what offer() and take() do: a join comes next.
   void miss(std::uint32_t stream_id, std::size_t frames);
 
-  /// Frames dropped since the last call, per lane; lanes without any are left out.
-  std::vector<Dropped> take_dropped();
+  /// Frames dropped since the last call, of at most so many lanes, in turn; lanes without any are left out.
+  std::vector<Dropped> take_dropped(std::size_t most);
   Ladder::Counts counts(std::uint32_t stream_id);
   std::uint64_t dropped_total() const { return dropped_total_; }
   std::uint64_t joins_total() const { return joins_total_; }
   std::size_t lanes() const { return lanes_.size(); }
+  /// Lanes that may have something to send, unless frames wait.
+  std::size_t waiting(TimeUs now_us) const { return frames_wait(now_us) ? 0 : waiting_.size() - closed_; }
   bool acknowledges() const { return acknowledges_; }
   /// The least recent time from sending a frame to its acknowledgement; nothing before the first.
   std::optional<TimeUs> round_trip_us() const;
@@ -160,6 +162,7 @@ class Outbox {
   Limits limits_;
   Text late_pong_;
   std::size_t control_bytes_ = 0;
+  std::uint32_t told_dropped_ = 0;          ///< The last stream of take_dropped().
   std::size_t closed_ = 0;                   ///< Of waiting_: found closed, and so until ...
   TimeUs reopen_us_ = ReaderWatch::kNever;  ///< ... then, or an acknowledgement.
   std::optional<TimeUs> min_round_trip_;           ///< In the current period.

@@ -31,7 +31,7 @@ constexpr double kRecalledPerUs = 250, kCodedAnewPerUs = 85;  ///< Besides decod
 constexpr std::size_t kMaxPayersAsked = 8;
 // What a key costs a profile besides poses: pacing, cutting bands.
 constexpr double kProfileKeyUs = 5, kProfileKeyBytesPerUs = 2'000;
-constexpr double kOfferedUs = 0.1;       ///< A frame and a viewer, with what brings it to the socket.
+constexpr double kOfferedUs = 0.25;      ///< A frame and a viewer, with what brings it to the socket.
 constexpr TimeUs kRetryUs = 50'000;      ///< After a key that nobody paid for.
 constexpr double kTraceUs = 2;           ///< A viewer that is told one.
 constexpr std::int64_t kMaxTraced = 64;  ///< Viewers of a stream that are told any, as its sender pays.
