@@ -3,7 +3,10 @@
 
 #include <epoxy/egl.h>
 
+#include <algorithm>
 #include <array>
+#include <span>
+#include <vector>
 
 #include "common/core/text.h"
 
@@ -17,13 +20,26 @@ Error no_egl(const char* what) {
                         what, static_cast<unsigned>(eglGetError())));
 }
 
-/// Mesa's surfaceless platform, which needs no display server, or the driver's default.
+/// The first that works: Mesa's surfaceless platform, which needs no display server; a card (NVIDIA's driver has no
+/// other way); the driver's default. None of them: EGL_NO_DISPLAY.
 EGLDisplay open_display() {
-  if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless") &&
-      epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_base")) {
-    return eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
+  std::vector<EGLDisplay> displays;
+  if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_base")) {
+    if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless"))
+      displays.push_back(eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr));
+    std::array<EGLDeviceEXT, 16> cards{};
+    EGLint count = 0;
+    if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_device") &&
+        epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_device_enumeration"))
+      eglQueryDevicesEXT(static_cast<EGLint>(cards.size()), cards.data(), &count);
+    for (const EGLDeviceEXT card : std::span(cards).first(static_cast<std::size_t>(count)))
+      displays.push_back(eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT, card, nullptr));
   }
-  return eglGetDisplay(EGL_DEFAULT_DISPLAY);
+  displays.push_back(eglGetDisplay(EGL_DEFAULT_DISPLAY));
+  const auto works = std::find_if(displays.begin(), displays.end(), [](EGLDisplay display) {
+    return display != EGL_NO_DISPLAY && eglInitialize(display, nullptr, nullptr) == EGL_TRUE;
+  });
+  return works != displays.end() ? *works : EGL_NO_DISPLAY;
 }
 
 }  // namespace
@@ -31,8 +47,7 @@ EGLDisplay open_display() {
 Result<std::unique_ptr<OffscreenContext>> OffscreenContext::create() {
   std::unique_ptr<OffscreenContext> offscreen(new OffscreenContext);
   const EGLDisplay display = open_display();
-  if (display == EGL_NO_DISPLAY) return no_egl("eglGetDisplay");
-  if (eglInitialize(display, nullptr, nullptr) == EGL_FALSE) return no_egl("eglInitialize");
+  if (display == EGL_NO_DISPLAY) return no_egl("eglInitialize");
   offscreen->display_ = display;
   if (eglBindAPI(EGL_OPENGL_API) == EGL_FALSE) return no_egl("eglBindAPI");
   const std::array<EGLint, 3> wanted{EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE};
