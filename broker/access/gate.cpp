@@ -315,7 +315,6 @@ TimeUs Grant::charge_news(double work_us, TimeUs now_us) {
 }
 
 std::optional<TimeUs> Grant::take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us) {
-  if (is_proxy()) return 0;
   return take_loop_time(&Account::http_work, work_us, now_us, max_wait_us);
 }
 
@@ -378,8 +377,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
                       static_cast<int>(wait_us / 1'000'000 + 1)};
   // A good token (of 256 bits, none is guessed) is let in beside others' wrong ones, while the address pays for both.
   const auto work_us_per_s = static_cast<double>(rules->quota(false).work_us_per_s);
-  if (wait_us > 0 &&
-      !account->http_work.take(kTokenCheckUs, work_us_per_s, work_us_per_s * kWorkAtOnceS, now_us)) {
+  if (wait_us > 0 && !account->http_work.take(kTokenCheckUs, work_us_per_s, work_us_per_s * kWorkAtOnceS, now_us)) {
     ++denied_;
     return slowed;
   }

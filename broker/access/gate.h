@@ -151,9 +151,7 @@ class Grant {
   /// The same for what it is told of rooms and moments, apart: it does not choose what others say.
   TimeUs charge_news(double work_us, TimeUs now_us);
   const void* purse() const { return site_.get(); }  ///< The same for all who share these budgets.
-  bool is_proxy() const { return policy_->is_trusted_proxy(identity_.client.address); }
-  /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in. Trusted
-  /// proxies have no limit.
+  /// The same for HTTP and TLS handshakes, apart: newcomers must not delay the messages of those that are in.
   std::optional<TimeUs> take_http_work(double work_us, TimeUs now_us, TimeUs max_wait_us);
   /// An epoch: there are four billions, for all time. At most kAnnouncementsPerHour, where one under a name that is new
   /// here, of which all brokers keep a row for a while, counts kNewName. Errors: as take().
@@ -211,7 +209,8 @@ class Gate {
   /// Call before reading from a connection, while `open` others are open. 503: they are all that there may be; 429: its
   /// address has its share. A trusted proxy has none; its clients have, in Grant::take_place().
   std::variant<GrantPtr, Denial> accept(const IpAddress& peer, std::int64_t open, TimeUs now_us);
-  /// Who pays for a request that was not admitted: the client's address, whatever proxy it came through. No rights.
+  /// Who pays for a request that was not admitted: the client's address, whatever proxy it came through, or the
+  /// proxy's, where that names none. No rights.
   GrantPtr stranger(const AccessRequest& request, TimeUs now_us);
 
   /// Applies to new requests at once, to existing grants at their next is_void().

@@ -150,6 +150,10 @@ bool HttpConnection::is_websocket_upgrade() const {
   return beast::websocket::is_upgrade(wire_->parser->get()) && wire_->buffer.size() == 0;
 }
 
+bool HttpConnection::is_head_read() const {
+  return wire_->parser && wire_->parser->is_header_done();
+}
+
 bool HttpConnection::has_body() const {
   return wire_->parser->chunked() || content_length().value_or(0) > 0;
 }

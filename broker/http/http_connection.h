@@ -72,6 +72,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   AccessRequest access_request(std::string query_token) const;
   /// Whether it asks for a WebSocket (RFC 6455, 4.2.1) and waits for the answer before it sends more.
   bool is_websocket_upgrade() const;
+  bool is_head_read() const;
   bool has_body() const;
   bool is_body_read() const;
   std::size_t head_bytes() const;

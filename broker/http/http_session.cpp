@@ -27,6 +27,7 @@ constexpr std::size_t kMaxListed = 1000;
 constexpr double kNamesPerRequest = 100;
 constexpr double kHeadBytesPerUs = 40;                 ///< Of '&' or ',' only, which cost most.
 constexpr double kConnectionUs = 25, kRequestUs = 20;  ///< On one core of 2026.
+constexpr double kUnpaidUs = 10'000;                   ///< A handshake, and a head in many reads.
 constexpr TimeUs kMaxRequestWaitUs = 5'000'000;
 constexpr int kMaxRequestWaitS = 5;
 /// Refusals come so late that a client that asks at once again costs little.
@@ -55,7 +56,8 @@ class HttpSession final : public HttpConnection {
   HttpSession(Context& context, Transport transport, GrantPtr grant)
       : HttpConnection(context, std::move(transport)),
         counted_(counted_in(context.connection_count)),
-        grant_(std::move(grant)) {
+        grant_(std::move(grant)),
+        proxy_(context.gate.policy()->is_trusted_proxy(peer()) ? grant_ : nullptr) {
     ++context.counters.connections_total;
   }
 
@@ -66,18 +68,24 @@ class HttpSession final : public HttpConnection {
             static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes"};
   }
 
+  /// Whether a proxy has not said yet for whom it speaks: whom the head names pays.
+  bool is_nobodys() const { return proxy_ && !is_head_read(); }
+  Grant& payer() const { return is_nobodys() ? *proxy_ : *grant_; }
+
   std::optional<TimeUs> take_work(double us, TimeUs most_us) override {
-    return grant_->take_http_work(us, steady_now_us(), most_us);
+    if (!is_nobodys() || unpaid_us_ + us > kUnpaidUs) return payer().take_http_work(us, steady_now_us(), most_us);
+    unpaid_us_ += us;
+    return 0;
   }
 
-  std::string holder() const override { return grant_->holder(); }
+  std::string holder() const override { return payer().holder(); }
   bool take_turn(double us, TimeUs wait_us, std::function<void()> then, LoopShare::Hold hold) override {
-    const bool is_free = grant_->is_proxy();
-    if (is_free && (!hold || hold() == LoopShare::Supply::kHeld)) return true;
-    return context().newcomers.take(holder(), is_free ? 0 : us, wait_us, std::move(then), std::move(hold));
+    const bool is_paid_later = is_nobodys() && wait_us == 0;
+    if (is_paid_later && (!hold || hold() == LoopShare::Supply::kHeld)) return true;
+    return context().newcomers.take(holder(), is_paid_later ? 0 : us, wait_us, std::move(then), std::move(hold));
   }
 
-  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return grant_->hold_bytes(bytes); }
+  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return payer().hold_bytes(bytes); }
 
   void decorate(HttpHeaders& headers) const override {
     headers.emplace_back("X-Content-Type-Options", "nosniff");  // An asset must not be a script of the page's.
@@ -98,19 +106,25 @@ class HttpSession final : public HttpConnection {
   void on_head() override {
     Task task = admitted();
     const TimeUs now_us = steady_now_us();
+    const double unpaid_us = std::exchange(unpaid_us_, 0);
     const auto per_s = static_cast<double>(context().config.limits.requests_per_s);
     const auto payer = task.admitted ? grant_ : context().gate.stranger(access_request({}), now_us);
+    if (proxy_ && !task.admitted) {
+      if (auto placed = take_place(*payer); !placed) task = refused({429, placed.error().message, 1});
+      grant_ = payer;
+    }
     const auto head = static_cast<double>(head_bytes());
     const TimeUs wait_us = *requests_.take(1 + task.listing, per_s, per_s, now_us, kForeverUs);
-    const auto head_wait_us =
-        payer->take_http_work(head > Grant::kFreeBytes ? head / kHeadBytesPerUs : 0, now_us, kMaxRequestWaitUs);
+    const auto head_wait_us = payer->take_http_work(unpaid_us + (head > Grant::kFreeBytes ? head / kHeadBytesPerUs : 0),
+                                                    now_us, kMaxRequestWaitUs);
     const auto holder_wait_us = payer->take_request(task.listing, now_us, kMaxRequestWaitUs);
     if (!head_wait_us || !holder_wait_us) {
       const std::string why = holder_wait_us ? "long requests are over work_us_per_s" : holder_wait_us.error().message;
       return later(std::max(wait_us, kRefusalWaitUs), [this, why] { answer_limit(why, kMaxRequestWaitS); });
     }
     const TimeUs delay_us = std::max({wait_us, *head_wait_us, *holder_wait_us});
-    const double work_us = std::exchange(connection_us_, 0) + kRequestUs * (1 + task.listing) + head / kHeadBytesPerUs;
+    const double work_us =
+        std::exchange(connection_us_, 0) + unpaid_us + kRequestUs * (1 + task.listing) + head / kHeadBytesPerUs;
     const auto in_turn = [self = shared_from_this(), this, task] {
       // By the rights of then: a token may end, a reload take them.
       if (transport().socket().is_open()) task.admitted ? admitted().run() : task.run();
@@ -131,19 +145,25 @@ class HttpSession final : public HttpConnection {
     if (method() == "OPTIONS") return {[this] { answer_preflight(); }};
     if (parsed->kind == Target::Kind::kPage) return {[this, name = parsed->name] { serve_page(*this, name); }};
     if (parsed->kind == Target::Kind::kWebFile) return {[this, name = parsed->name] { serve_web_file(*this, name); }};
-    const auto refused = [this](const Denial& denial) { return Task{[this, denial] { answer_denial(denial); }}; };
     auto admission = context().gate.admit(access_request(parsed->token), steady_now_us(), std::time(nullptr));
     if (const auto* denied = std::get_if<Denial>(&admission)) return refused(*denied);
     auto grant = std::get<GrantPtr>(std::move(admission));
-    const auto others = static_cast<std::int64_t>(context().loops.connections_total()) - 1;
-    if (auto placed = grant->take_place(others, grant_.get()); !placed)
-      return refused({429, placed.error().message, 1});
+    if (auto placed = take_place(*grant); !placed) return refused({429, placed.error().message, 1});
     grant_ = std::move(grant);
     Task task{[this, target = *parsed] { serve(target); }, true};
     if (parsed->kind == Target::Kind::kStreams) {
       task.listing = static_cast<double>(context().hub.size() * (1 + grant_->patterns())) / kNamesPerRequest;
     }
     return task;
+  }
+
+  Task refused(const Denial& denial) {
+    return {[this, denial] { answer_denial(denial); }};
+  }
+
+  /// Over from whoever has this connection's.
+  Result<void> take_place(Grant& grant) {
+    return grant.take_place(static_cast<std::int64_t>(context().loops.connections_total()) - 1, grant_.get());
   }
 
   bool refuse(const Denial& denial) {
@@ -278,7 +298,9 @@ class HttpSession final : public HttpConnection {
   ConnectionCount counted_;
   RateLimiter requests_;
   double connection_us_ = kConnectionUs;  ///< Until its first request is paid for.
+  double unpaid_us_ = 0;                  ///< What a proxy's next client will pay.
   GrantPtr grant_;                        ///< The connection's at first, then the latest requester's.
+  GrantPtr proxy_;                        ///< The connection's, if that is a trusted proxy's, else null.
 };
 
 }  // namespace

@@ -86,6 +86,37 @@ TEST_F(HttpSessionTest, RefusedRequestsOfAProxyCountForItsClients) {
   EXPECT_THAT(flood.back()->read_all().value_or("reset"), StartsWith("HTTP/1.1 429"));
 }
 
+TEST_F(HttpSessionTest, EachClientOfAProxyPaysForItsRequestsAndPlaces) {
+  stop();
+  config_.access.anonymous = "anywhere";
+  config_.proxy.trusted = {"127.0.0.1"};
+  config_.per_address.work_us_per_s = 50;
+  config_.per_address.connections = 2;
+  start();
+  const auto ask = [&](const std::string& fields) {
+    auto wire = std::make_unique<Wire>(port_);
+    wire->write("OPTIONS /v1/streams HTTP/1.1\r\nHost: localhost\r\n" + fields + "\r\n");
+    return wire;
+  };
+  const auto answer = [&](const std::string& fields) {
+    return ask(fields + "Connection: close\r\n")->read_all().value_or("reset");
+  };
+  const std::string much = "X-Long: " + std::string(15'000, 'x') + "\r\n";
+  EXPECT_THAT(answer(much), StartsWith("HTTP/1.1 204"));
+  EXPECT_THAT(answer(much), AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("work_us_per_s"))) << "nobody's";
+  const std::string greedy = "X-Forwarded-For: 192.0.2.255\r\n";
+  std::vector<std::unique_ptr<Wire>> kept;
+  std::string refused;
+  while (!refused.starts_with("HTTP/1.1 429")) {
+    kept.push_back(ask(greedy));
+    refused = answer(greedy);
+  }
+  EXPECT_THAT(refused, HasSubstr("per_address.connections = 2"));
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_THAT(answer("X-Forwarded-For: 192.0.2." + std::to_string(i) + "\r\n"), StartsWith("HTTP/1.1 204")) << i;
+  }
+}
+
 TEST_F(HttpSessionTest, StreamListGoesOnAfterAName) {
   const auto first = sender("lab/a"), second = sender("lab/b");
   Client viewer(port_, "/v1/subscribe/invented");
