@@ -38,14 +38,15 @@ inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting",
 /// them only, its files are short, the oldest go, and the store keeps the assets that they need.
 /// Keys beyond the bound of the queue, or their holder's share_of() it, are dropped, counted, logged and bridged by a
 /// checkpoint: recording never delays a frame. If the disk fails or is full, or a quota is used up, the recording ends
-/// and streaming continues. Files of earlier runs count towards the quota of all, and are no holder's. Thread-safe.
+/// and streaming continues. Files of earlier runs count towards the quota of all; those kept towards their holder's, of
+/// whom their names have a hash, others towards nobody's. Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {
     std::string folder;
-    std::string software;        ///< Writing software, as named in the files.
-    StreamPatterns streams;      ///< Streams recorded whenever they are live.
-    bool include_asset = false;  ///< Include the asset's objects.
+    std::string software;                  ///< Writing software, as named in the files.
+    StreamPatterns streams;                ///< Streams recorded whenever they are live.
+    bool include_asset = false;            ///< Include the asset's objects.
     std::int64_t max_kept_streams = 4096;  ///< Of which anything is kept; one holder's: share_of() it.
     std::int64_t max_queued_bytes = 16 << 20;
     std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all in the folder; one holder's: share_of() it.
@@ -100,7 +101,8 @@ class Recorder final : public StreamTap {
   struct Session;
   struct Item;
   struct Kept : Piece {
-    std::string asset, holder;
+    std::string asset;
+    std::string holder;  ///< Hashed. Empty: nobody.
     std::uint64_t charged = 0;
   };
   using KeptPtr = std::shared_ptr<Kept>;
@@ -119,7 +121,7 @@ class Recorder final : public StreamTap {
   void remove_oldest();
   void remove(const Kept& gone);
   std::vector<std::string> streams_to_shorten(TimeUs now_us) const;
-  void pin(const Kept& kept, int files);
+  void pin(const std::string& asset, int files, const std::string& holder = {});
   void recount();
   const char* used_up(const std::string& holder) const;
   void work(Item& item);
@@ -144,7 +146,7 @@ class Recorder final : public StreamTap {
   /// Belongs to the thread: of an earlier run, from after now. They go first where bytes lack, and are kept once the
   /// broker starts later than they begin.
   std::vector<KeptPtr> ahead_;
-  std::map<std::string, int> pins_;               ///< Belongs to the thread: files that need an asset.
+  std::map<std::string, int> pins_;  ///< Belongs to the thread: files that need an asset.
   const TimeUs unix_ahead_us_;
   std::atomic<std::uint64_t> active_{0};  ///< Zero lets on_key() return at once.
 

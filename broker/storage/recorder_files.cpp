@@ -20,6 +20,13 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMorePieces = 256;  ///< Of one stream: each announcement begins a file, and all are looked at.
 constexpr std::size_t kShortenedAtOnce = 256;
 
+/// The hash in the name of a file that is kept, or empty.
+std::string holder_of_file(const std::string& path) {
+  const std::string stem = fs::path(path).stem().string();
+  const std::string text = stem.substr(stem.rfind('.') + 1, kHolderDigits);
+  return text.find_first_not_of("0123456789abcdef") == std::string::npos ? text : std::string();
+}
+
 }  // namespace
 
 void Recorder::repair() {
@@ -67,7 +74,9 @@ void Recorder::restore(const std::string& path) {
   kept->to_us = from_us + reader->info().duration_us;
   kept->asset = announce->asset;
   kept->charged = file_cost(reader->info().whole_bytes);
-  pin(*kept, 1);
+  kept->holder = holder_of_file(path);
+  if (!kept->holder.empty()) holder_of_[path] = kept->holder;
+  pin(kept->asset, 1);
   if (from_us > unix_from_steady(steady_now_us()) + kPieceUs) return ahead_.push_back(std::move(kept));
   const std::lock_guard lock(kept_mutex_);
   auto& all = kept_[reader->info().start.stream];
@@ -81,10 +90,10 @@ void Recorder::keep(Session& session, const Item& announced, const std::string& 
   auto kept = std::make_shared<Kept>();
   kept->file = path;
   kept->asset = announced.announced.asset;
-  kept->holder = announced.holder;
+  kept->holder = session.holder;
   kept->growing = true;
   kept->from_us = kept->to_us = session.start_unix_us;
-  pin(*kept, 1);
+  pin(kept->asset, 1, announced.holder);
   const bool follows = [&] {
     const std::lock_guard lock(mutex_);
     return session.follows;
@@ -100,12 +109,12 @@ void Recorder::keep(Session& session, const Item& announced, const std::string& 
 }
 
 /// So many more of the files that are kept need an asset.
-void Recorder::pin(const Kept& kept, int files) {
-  const int before = pins_[kept.asset], after = pins_[kept.asset] += files;
-  if (after == 0) pins_.erase(kept.asset);
+void Recorder::pin(const std::string& asset, int files, const std::string& holder) {
+  const int before = pins_[asset], after = pins_[asset] += files;
+  if (after == 0) pins_.erase(asset);
   if ((before == 0) == (after == 0)) return;
-  const std::string user = "~history/" + kept.asset;  // No stream's name.
-  assets_.set_used(user, after == 0 ? std::nullopt : Sha256::from_hex(kept.asset), kept.holder);
+  const std::string user = "~history/" + asset;  // No stream's name.
+  assets_.set_used(user, after == 0 ? std::nullopt : Sha256::from_hex(asset), holder);
 }
 
 void Recorder::remove_oldest() {
@@ -138,7 +147,7 @@ void Recorder::remove(const Kept& gone) {
     if (held == 0) holders_.erase(gone.holder);
   }
   holder_of_.erase(gone.file);
-  pin(gone, -1);
+  pin(gone.asset, -1);
   std::error_code ignored;
   fs::remove(gone.file, ignored);
 }

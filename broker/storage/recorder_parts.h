@@ -18,6 +18,7 @@ inline constexpr std::string_view kRecordingSuffix = ".ecrec";
 /// Of what is kept: a file, longer where the memory that each needs would be most of it, and shorter for fast streams.
 inline constexpr TimeUs kPieceUs = 60'000'000, kLongestPieceUs = 600'000'000;
 inline constexpr std::uint64_t kMaxPieceBytes = 16 << 20;
+inline constexpr std::size_t kHolderDigits = 16;  ///< Of the hash of its holder, in its name.
 
 /// What a file takes of the quotas: many small ones cost a folder, and this memory, too.
 constexpr std::uint64_t file_cost(std::uint64_t bytes) {
@@ -45,7 +46,7 @@ struct Recorder::Session {
   bool follows = false;            ///< What the file before it ended with.
   bool goes_on = false;            ///< The file after it does so.
   std::uint64_t object_bytes = 0;  ///< Of the file.
-  std::uint64_t dropped = 0;  ///< Since the last enqueued key.
+  std::uint64_t dropped = 0;       ///< Since the last enqueued key.
   bool failed = false;
   TimeUs resume_us = 0;  ///< Not 0: the disk failed, and until then nothing is tried.
   RecordingInfo info;
@@ -55,7 +56,7 @@ struct Recorder::Session {
   KeptPtr kept;
   CoefficientLayout layout;
   std::string asset;
-  std::string holder;        ///< Pays for what is written from now on.
+  std::string holder;        ///< Pays for what is written from now on. Hashed, where that is kept.
   std::set<Sha256> objects;  ///< In the file.
   TimeUs start_us = 0;
   TimeUs start_unix_us = 0;

@@ -36,9 +36,12 @@ void Recorder::work(Item& item) {
       session.asset = item.announced.asset;
       if (session.writer) note(session);
       session.holder = item.holder;
+      if (settings_.keep_us > 0 && !item.holder.empty()) {
+        session.holder = sha256(item.holder).hex().substr(0, kHolderDigits);
+      }
       if (!session.writer) open(session, item);
       if (!session.writer) return;
-      holder_of_[session.info.file] = item.holder;
+      holder_of_[session.info.file] = session.holder;
       if (std::find(open_.begin(), open_.end(), item.session) == open_.end()) open_.push_back(item.session);
       return write_announcement(session, item);
     case Item::Kind::kKey:
@@ -84,7 +87,8 @@ void Recorder::open(Session& session, const Item& announced) {
     const auto before = pieces(session.stream);
     if (!before.empty()) session.start_unix_us = std::max(session.start_unix_us, before.back().to_us + 1);
   }
-  const std::string stem = settings_.folder + "/" + file_stem(session.stream);
+  std::string stem = settings_.folder + "/" + file_stem(session.stream);
+  if (settings_.keep_us > 0 && !session.holder.empty()) stem += "." + session.holder;
   for (int number = 1; !session.writer; ++number) {
     const std::string path = stem + (number == 1 ? "" : "-" + std::to_string(number)) + std::string(kRecordingSuffix);
     auto made = recording::Writer::create(

@@ -83,6 +83,35 @@ class HistoryTest : public ::testing::Test {
     EXPECT_TRUE(upload->commit());
     return sha256(bytes).hex();
   }
+  /// "s0" of one holder in fifty files, and "s1" of another in two of the oldest.
+  void two_holders() {
+    history_ = std::make_unique<History>(settings_, *assets_, LogSink());
+    Hub::Settings hub_settings;
+    hub_settings.stream.taps = {history_->kept.get()};
+    Hub hub(hub_settings);
+    FakeSender senders[2];
+    Stream* streams[2];
+    testing::FakeAccount account;
+    for (int i = 0; i < 2; ++i) {
+      streams[i] = hub.open("s" + std::to_string(i)).value();
+      ASSERT_TRUE(streams[i]->claim(senders[i]));
+      ASSERT_TRUE(hub.admit(*streams[i], {"holder-" + std::to_string(i)}, small_announce().format, account.charge()));
+      ASSERT_TRUE(streams[i]->announce(small_announce(), 1));
+      senders[i].tag = streams[i]->tag();
+    }
+    TimeUs now_us = steady_now_us() - 55 * kMinute;
+    for (int i = 0; i < 50 * 60; ++i, now_us += kSecond) {
+      ASSERT_TRUE(streams[0]->add_frame(senders[0].next(kSendersClock + now_us), now_us));
+      if (i >= 120) continue;
+      ASSERT_TRUE(streams[1]->add_frame(senders[1].next(kSendersClock + now_us), now_us));
+    }
+    for (int i = 0; i < 2; ++i) streams[i]->release(senders[i]);
+  }
+  bool is_within_share() {
+    const auto totals = history_->kept->totals();
+    return totals.queued_bytes == 0 && totals.stored_bytes > 0 && !history_->kept->pieces("s0").empty() &&
+           history_->kept->pieces("s0").size() * 65'536 <= settings_.max_total_bytes / 4;
+  }
   static void expect_pose(const Passage::Pose& pose, std::uint64_t sequence) {
     EXPECT_EQ(pose.key->sequence, sequence);
     EXPECT_EQ(pose.key->generation, 0U);
@@ -325,33 +354,17 @@ TEST_F(HistoryTest, ASenderThatBeginsAgainAndAgainLeavesFewFiles) {
 
 TEST_F(HistoryTest, AHolderBeyondItsShareLosesItsOwn) {
   settings_.max_total_bytes = 2 << 20;
-  history_ = std::make_unique<History>(settings_, *assets_, LogSink());
-  Hub::Settings hub_settings;
-  hub_settings.stream.taps = {history_->kept.get()};
-  Hub hub(hub_settings);
-  FakeSender senders[2];
-  Stream* streams[2];
-  testing::FakeAccount account;
-  for (int i = 0; i < 2; ++i) {
-    streams[i] = hub.open("s" + std::to_string(i)).value();
-    ASSERT_TRUE(streams[i]->claim(senders[i]));
-    ASSERT_TRUE(hub.admit(*streams[i], {"holder-" + std::to_string(i)}, small_announce().format, account.charge()));
-    ASSERT_TRUE(streams[i]->announce(small_announce(), 1));
-    senders[i].tag = streams[i]->tag();
-  }
-  // One sends for two minutes, the other for fifty.
-  TimeUs now_us = steady_now_us() - 55 * kMinute;
-  for (int i = 0; i < 50 * 60; ++i, now_us += kSecond) {
-    ASSERT_TRUE(streams[0]->add_frame(senders[0].next(kSendersClock + now_us), now_us));
-    if (i >= 120) continue;
-    ASSERT_TRUE(streams[1]->add_frame(senders[1].next(kSendersClock + now_us), now_us));
-  }
-  ASSERT_TRUE(eventually([&] {
-    return history_->kept->totals().queued_bytes == 0 &&
-           history_->kept->pieces("s0").size() * 65'536 <= settings_.max_total_bytes / 4;
-  }));
+  two_holders();
+  ASSERT_TRUE(eventually([&] { return is_within_share(); }));
   EXPECT_GE(history_->kept->pieces("s1").size(), 2U);
-  for (int i = 0; i < 2; ++i) streams[i]->release(senders[i]);
+}
+
+TEST_F(HistoryTest, AHolderBeyondItsShareLosesItsOwnAfterARestart) {
+  two_holders();
+  settings_.max_total_bytes = 2 << 20;
+  restart();
+  ASSERT_TRUE(eventually([&] { return is_within_share(); }));
+  EXPECT_GE(history_->kept->pieces("s1").size(), 2U);
 }
 
 TEST_F(HistoryTest, AKilledRecorderLeavesAllButTheEnd) {
