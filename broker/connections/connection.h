@@ -110,7 +110,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
 
   /// Something that it asks for again and again.
   struct Asked {
-    double took_us = 0;    ///< The last time,
+    double took_us;        ///< The last time, at first what it mostly takes,
     double paid_us = 0;    ///< and what is paid for this one.
     TimeUs waited_us = 0;  ///< For this one.
     bool waits = false;    ///< For its turn.
@@ -191,7 +191,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   RateLimiter control_;
   double unpaid_us_ = 0;  ///< Of the frame that begins.
   double turn_us_ = 0;    ///< Work of this turn.
-  Asked reading_, telling_;
+  Asked reading_{50};     ///< Most begin with a subscription.
+  Asked telling_{5};
   std::unique_ptr<Timer> pause_;     ///< While it has to wait for its turn.
   std::unique_ptr<Timer> deadline_;  ///< For closing.
   ConnectionCount counted_;

@@ -232,6 +232,25 @@ TEST_F(ConnectionTest, WhatCrowdsAskForLeavesStreamsTheirTurnsAndOthersTheirs) {
   EXPECT_LE(heard_at_us - asked_at_us, (kAddresses + 4) * (kTurnUs + kMessageUs)) << "it waits for a turn of each";
 }
 
+TEST_F(ConnectionTest, FirstMessagesOfManyConnectionsAreNotCheap) {
+  constexpr int kTurns = 40, kEach = 20, kOthers = 60;  // Of 4 us; those of the other take three turns.
+  begin().viewers.pay(100'000, steady_now_us());
+  const auto ask = [&](int address, int messages) {
+    auto viewer = connect_viewer(address);
+    std::string flood;
+    for (int i = 0; i < messages; ++i) flood += masked_text(R"({"op":"unsubscribe","stream":"a"})");
+    EXPECT_EQ(::send(ends_[0], flood.data(), flood.size(), MSG_NOSIGNAL), std::ssize(flood));
+    return viewer;
+  };
+  const auto other = ask(1, kOthers);
+  std::vector<std::shared_ptr<Counting>> crowd;
+  for (int i = 0; i < kTurns; ++i) crowd.push_back(ask(2, kEach));
+  while (other->messages < kOthers) loops_->first().io().run_one();
+  int before = 0;
+  for (const auto& viewer : crowd) before += viewer->messages;
+  EXPECT_LE(before, kTurns * kEach * 3 / 4) << "it does not wait for all of them";
+}
+
 TEST_F(ConnectionTest, WhatCrowdsAreToldLeavesStreamsTheirTurns) {
   constexpr int kViewers = 160;
   constexpr double kBeatUs = 500, kAtOnceUs = 2'500;
