@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <ctime>
+#include <filesystem>
 #include <variant>
 
 #include "broker/http/http_target.h"
@@ -28,8 +29,28 @@ std::string_view type_of(std::string_view name) {
   return "application/octet-stream";
 }
 
-std::string etag_of(std::string_view bytes) {
-  return "\"" + sha256(bytes).hex().substr(0, 32) + "\"";
+std::string etag_of(std::string_view text) {
+  return "\"" + sha256(text).hex().substr(0, 32) + "\"";
+}
+
+/// By its size and when it changed: its bytes would take long for each request. Empty: it cannot be read.
+std::string etag_of_file(const std::string& path) {
+  std::error_code error;
+  const auto changed = std::filesystem::last_write_time(path, error).time_since_epoch().count();
+  const auto bytes = error ? 0 : std::filesystem::file_size(path, error);
+  return error ? std::string() : etag_of(std::to_string(bytes) + " " + std::to_string(changed));
+}
+
+/// Found in web.folder. Without text where the client has it already.
+struct FolderFile {
+  std::string text, etag;
+};
+
+Result<FolderFile> file_in_folder(const std::string& path, const std::string& known_etags) {
+  FolderFile file{{}, etag_of_file(path)};
+  if (!file.etag.empty() && etag_matches(known_etags, file.etag)) return file;
+  if (auto read = store(file.text, read_file(path, kMaxFileBytes)); !read) return read.error();
+  return file;
 }
 
 void answer_missing(HttpConnection& connection, const std::string& why, HttpHeaders headers = {}) {
@@ -50,8 +71,10 @@ void answer_body(HttpConnection& connection, std::string_view body, const std::s
   connection.answer(HttpStatus::kOk, std::string(body), std::move(headers));
 }
 
-/// Calls `then` with the file, or answers why there is none.
-void find_file(HttpConnection& connection, std::string_view name, std::function<void(const WebFile&)> then) {
+/// Calls `then` with the file, empty if the client has its `known_etags`, and its ETag in web.folder, or what is built
+/// in; or answers why there is none.
+void find_file(HttpConnection& connection, std::string_view name, const std::string& known_etags,
+               std::function<void(const WebFile&, const std::string& etag)> then) {
   const auto& web = connection.context().config.web;
   if (!web.enabled) return answer_missing(connection, "the page of this broker is off (web.enabled)");
   if (name.empty() || name.starts_with('.') || name.find_first_not_of(kLetters) != std::string_view::npos) {
@@ -61,15 +84,15 @@ void find_file(HttpConnection& connection, std::string_view name, std::function<
     connection.arm(connection.context().config.timeouts.transfer_ms);
     return connection.on(
         connection.context().disk,
-        [path = web.folder + "/" + std::string(name)] { return read_file(path, kMaxFileBytes); },
-        [&connection, name = std::string(name), then = std::move(then)](const Result<std::string>& text) {
-          if (!text) return answer_missing(connection, "web.folder has no such file");
-          then({name, *text, {}, {}});
+        [path = web.folder + "/" + std::string(name), known_etags] { return file_in_folder(path, known_etags); },
+        [&connection, name = std::string(name), then = std::move(then)](const Result<FolderFile>& file) {
+          if (!file) return answer_missing(connection, "web.folder has no such file");
+          then({name, file->text, {}, {}}, file->etag);
         });
   }
   const auto files = web_files();
   const auto file = std::find_if(files.begin(), files.end(), [&](const WebFile& each) { return each.name == name; });
-  if (file != files.end()) return then(*file);
+  if (file != files.end()) return then(*file, "\"" + std::string(web_version()) + "\"");
   answer_missing(connection, files.empty() ? "this broker was built without the page: cmake says what it takes"
                                            : "the page has no file of that name");
 }
@@ -163,13 +186,15 @@ void serve_page(HttpConnection& connection, const std::string& stream) {
     return answer_missing(connection, "the WebSockets of a stream are /v1/subscribe/STREAM and /v1/publish/STREAM");
   }
   if (!wants_html(connection.joined_headers("Accept"))) return answer_endpoints(connection, stream);
-  find_file(connection, "page.html", [&connection, stream](const WebFile& page) {
+  find_file(connection, "page.html", {}, [&connection, stream](const WebFile& page, const std::string& etag) {
     Context& context = connection.context();
     std::string version(context.config.web.folder.empty() ? web_version() : "");
+    const std::string files = root_from(stream) + "v1/web/" + (version.empty() ? "" : version + "/");
+    const std::string head_end = preload_of(connection, context, stream) + "</head>";
     std::string text(page.plain);
-    replace_all(text, "{web}", root_from(stream) + "v1/web/" + (version.empty() ? "" : version + "/"));
-    replace_all(text, "</head>", preload_of(connection, context, stream) + "</head>");
-    answer_body(connection, text, etag_of(text),
+    replace_all(text, "{web}", files);
+    replace_all(text, "</head>", head_end);
+    answer_body(connection, text, etag_of(etag + files + head_end),
                 {{"Content-Type", "text/html; charset=utf-8"},
                  {"Cache-Control", "no-cache"},
                  {"Content-Security-Policy", content_policy(connection, context)},
@@ -184,7 +209,7 @@ void serve_web_file(HttpConnection& connection, std::string_view rest) {
   const std::string current = std::string(web_version()) + "/";
   const bool versioned = connection.context().config.web.folder.empty() && rest.starts_with(current);
   if (versioned) rest.remove_prefix(current.size());
-  find_file(connection, rest, [&connection, versioned](const WebFile& file) {
+  const auto answer = [&connection, versioned](const WebFile& file, const std::string& plain_etag) {
     const auto coding = chosen_coding(connection.joined_headers("Accept-Encoding"), file);
     HttpHeaders headers{kAnyOrigin, {"Vary", "Accept-Encoding"}};
     if (!coding) {
@@ -194,11 +219,11 @@ void serve_web_file(HttpConnection& connection, std::string_view rest) {
     headers.emplace_back("Content-Type", type_of(file.name));
     headers.emplace_back("Cache-Control", versioned ? "public, max-age=31536000, immutable" : "no-cache");
     if (!coding->first.empty()) headers.emplace_back("Content-Encoding", coding->first);
-    const bool built_in = connection.context().config.web.folder.empty();
-    const std::string etag =
-        built_in ? "\"" + std::string(web_version()) + std::string(coding->first) + "\"" : etag_of(coding->second);
+    std::string etag = plain_etag;
+    etag.insert(etag.size() - 1, coding->first);
     answer_body(connection, coding->second, etag, std::move(headers));
-  });
+  };
+  find_file(connection, rest, connection.header("If-None-Match"), answer);
 }
 
 }  // namespace eigencast::broker

@@ -3,6 +3,9 @@
 // What HTTP clients of a whole broker are answered.
 #include <gmock/gmock.h>
 
+#include <chrono>
+#include <filesystem>
+#include <fstream>
 #include <memory>
 #include <vector>
 
@@ -197,6 +200,35 @@ TEST_F(HttpSessionTest, RequestsOfAllTakeHalfOfTheLoopsTime) {
   }
   for (const auto& wire : wires) EXPECT_THAT(wire->read_all().value_or("reset"), StartsWith("HTTP/1.1 204"));
   EXPECT_GE(steady_now_us() - began_us, 10 * 100 * (15'000 / 64) * 2 - 10'000);
+}
+
+TEST_F(HttpSessionTest, FilesOfAFolderThatHaveNotChangedAreNotReadAgain) {
+  stop();
+  config_.web.enabled = true;
+  config_.web.folder = folder_ + "/page";
+  std::filesystem::create_directories(config_.web.folder);
+  const std::string path = config_.web.folder + "/a.js";
+  const auto write = [&](const char* text) { std::ofstream(path) << text; };
+  const auto get = [&](const std::string& known) {
+    Wire wire(port_);
+    wire.write("GET /v1/web/a.js HTTP/1.1\r\nHost: localhost\r\nIf-None-Match: " + known +
+               "\r\nConnection: close\r\n\r\n");
+    return wire.read_all().value_or("reset");
+  };
+  write("one");
+  start();
+  const std::string etag = request("GET", "/v1/web/a.js").headers.at("ETag");
+  EXPECT_THAT(get("\"another\""), AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("one")));
+  EXPECT_THAT(get(etag), StartsWith("HTTP/1.1 304"));
+  const auto changed = std::filesystem::last_write_time(path);
+  write("two");
+  std::filesystem::last_write_time(path, changed);
+  EXPECT_THAT(get(etag), StartsWith("HTTP/1.1 304")) << "as if nothing had changed";
+  std::filesystem::last_write_time(path, changed + std::chrono::seconds(1));
+  EXPECT_THAT(get(etag), AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("two")));
+  write("three");
+  std::filesystem::last_write_time(path, changed);
+  EXPECT_THAT(get(etag), AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("three")));
 }
 
 TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
