@@ -319,7 +319,8 @@ Result<void> Subscriber::try_to_enter(const control::Enter& wish) {
   if (!secret) return secret.error();
   const std::string& key = grant().identity().key;
   const std::string former = wish.resume.empty() ? std::string() : resume_proof(wish.resume, key);
-  const auto seat = context().rooms.enter(wish, {holder(), resume_proof(*secret, key), former}, room_limits());
+  const bool speaks = grant().may_speak(wish.room).has_value();
+  const auto seat = context().rooms.enter(wish, {holder(), resume_proof(*secret, key), former, speaks}, room_limits());
   if (!seat) return seat.error();
   rooms_.emplace(wish.room, *seat);
   follow_beat();
@@ -327,7 +328,7 @@ Result<void> Subscriber::try_to_enter(const control::Enter& wish) {
   answer.room = wish.room;
   answer.self = seat->member;
   answer.resume = *secret;
-  answer.speaks = grant().may_speak(wish.room).has_value();
+  answer.speaks = speaks;
   send(answer);
   on_beat();
   return {};

@@ -14,6 +14,11 @@ namespace {
 constexpr std::size_t kMaxRemoved = 1024;
 constexpr std::string_view kNothing = "null";
 
+/// Of a limit, what those may have together who may not speak.
+std::int64_t silent_part_of(std::int64_t max) {
+  return std::max<std::int64_t>(max / 4 * 3, 1);
+}
+
 std::int64_t value_bytes(const std::string& key, const std::string& json) {
   return 2 * static_cast<std::int64_t>(key.size() + json.size()) + Rooms::kValueBytes;
 }
@@ -78,16 +83,17 @@ Result<Rooms::Found> Rooms::find(const std::string& room, const Seat& seat) {
                                         "taken over by another connection");
 }
 
-Result<void> Rooms::may_hold(const Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
-                             const Limits& limits) {
+Result<void> Rooms::may_hold(const Room& room, const std::string& holder, const More& more, const Limits& limits) {
+  const auto [members, said, speaks] = more;
   struct {
-    std::int64_t members = 0, bytes = 0, said = 0;
+    std::int64_t members = 0, silent = 0, bytes = 0, said = 0;
   } here, own;  // Of those that are here: the others make room.
   for (const auto& [id, member] : room.members) {
     if (!member.here) continue;
     for (auto* sum : {&here, member.holder == holder ? &own : nullptr}) {
       if (sum == nullptr) continue;
       ++sum->members;
+      sum->silent += member.silence ? 1 : 0;
       sum->bytes += member.bytes;
       sum->said += member.bytes - kMemberBytes;
     }
@@ -95,6 +101,11 @@ Result<void> Rooms::may_hold(const Room& room, const std::string& holder, std::i
   if (members > 0 && own.members + members > share_of(limits.max_members, here.members, own.members, holder.empty()))
     return too_large("the room is full, or too full for one that has several in it: see rooms.max_members = " +
                      std::to_string(limits.max_members));
+  const std::int64_t max_silent = silent_part_of(limits.max_members);
+  if (members > 0 && !speaks && own.silent + members > share_of(max_silent, here.silent, own.silent, holder.empty()))
+    return too_large("of those who may not speak " + std::to_string(here.silent) +
+                     " are in the room, and too few of the " + std::to_string(max_silent) +
+                     " places for them (three of four of rooms.max_members) are free for one that has several");
   const std::int64_t used = here.bytes + members * kMemberBytes;
   if (used + said > limits.max_room_bytes ||
       (said > 0 && own.said + said > share_of(limits.max_room_bytes, used, own.said, holder.empty())))
@@ -103,15 +114,15 @@ Result<void> Rooms::may_hold(const Room& room, const std::string& holder, std::i
   return {};
 }
 
-Result<void> Rooms::make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
-                              const Limits& limits) {
-  if (auto may = may_hold(room, holder, members, said, limits); !may) return may;
-  const std::int64_t bytes = members * kMemberBytes + said;
-  if (!bytes_.fits(holder, bytes, limits.max_bytes))
+Result<void> Rooms::make_room(Room& room, const std::string& holder, const More& more, const Limits& limits) {
+  if (auto may = may_hold(room, holder, more, limits); !may) return may;
+  const std::int64_t bytes = more.members * kMemberBytes + more.said;
+  if (!bytes_.fits(holder, bytes, limits.max_bytes) ||
+      (!more.speaks && !silent_bytes_.fits(holder, bytes, silent_part_of(limits.max_bytes))))
     return too_large("of rooms.max_bytes = " + std::to_string(limits.max_bytes) +
                      " too few are free for one that holds more: try again later");
   const auto full = [&] {
-    return static_cast<std::int64_t>(room.members.size()) + members > limits.max_members ||
+    return static_cast<std::int64_t>(room.members.size()) + more.members > limits.max_members ||
            room.bytes + bytes > limits.max_room_bytes;
   };
   while (full()) {
@@ -174,10 +185,10 @@ Result<Rooms::Seat> Rooms::enter(const control::Enter& wish, const Entrant& who,
       });
   // With what it kept it may be too much for one holder that is here: then its former place stays as it left it.
   if (former != room.members.end() && !former->second.here &&
-      !may_hold(room, who.holder, 1, former->second.bytes - kMemberBytes, limits))
+      !may_hold(room, who.holder, {1, former->second.bytes - kMemberBytes, who.speaks}, limits))
     former = room.members.end();
   if (former == room.members.end()) {
-    if (auto made = make_room(room, who.holder, 1, 0, limits); !made) {
+    if (auto made = make_room(room, who.holder, {1, 0, who.speaks}, limits); !made) {
       if (room.members.empty()) rooms_.erase(wish.room);
       return made.error();
     }
@@ -190,6 +201,7 @@ Result<Rooms::Seat> Rooms::enter(const control::Enter& wish, const Entrant& who,
   member.colour = wish.colour;
   member.proof = who.proof;
   member.holder = who.holder;
+  member.silence = who.speaks ? nullptr : silent_bytes_.hold(who.holder, kMemberBytes);
   member.here = true;
   member.session = ++last_session_;
   member.version = ++room.version;
@@ -240,7 +252,7 @@ Result<void> Rooms::say(const control::Say& what, const Seat& seat, const Limits
   if (keys > limits::kMaxRoomKeys)
     return too_large("a member has at most " + std::to_string(limits::kMaxRoomKeys) + " values: remove some");
   if (more > 0) {
-    if (auto made = make_room(room, member.holder, 0, more, limits); !made) return made;
+    if (auto made = make_room(room, member.holder, {0, more}, limits); !made) return made;
   }
   forget_heard(room);
   for (const control::RoomValue& value : what.values) {

@@ -40,6 +40,7 @@ class Rooms {
     std::string holder;  ///< Who pays; empty: who is spared.
     std::string proof;   ///< Of the secret with which the place can be taken over.
     std::string former;  ///< Of the secret that it shows; empty: none.
+    bool speaks = true;  ///< Those who may not leave room to those who may.
   };
   static constexpr std::int64_t kMemberBytes = 1024, kValueBytes = 128;  ///< A floor and a removed value also take 128.
   static constexpr std::size_t kMessageBytes = 48 * 1024;  ///< News are cut into messages of about so much.
@@ -81,6 +82,7 @@ class Rooms {
     std::map<std::string, Value> values;
     std::int64_t bytes = 0;
     std::shared_ptr<void> charge;
+    std::shared_ptr<void> silence;  ///< Counts its bytes as those of one who may not speak. Null: it may.
   };
   struct Floor {
     std::uint32_t member = 0;
@@ -111,12 +113,14 @@ class Rooms {
     Member* member = nullptr;
   };
   Result<Found> find(const std::string& room, const Seat& seat);
+  struct More {
+    std::int64_t members = 0, said = 0;
+    bool speaks = true;
+  };
   /// So much more, where those who have left make room: each holder that is here has its share. Errors: kTooLarge.
-  static Result<void> may_hold(const Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
-                               const Limits& limits);
+  static Result<void> may_hold(const Room& room, const std::string& holder, const More& more, const Limits& limits);
   /// Drops who has left until there is room for so much more. Errors: kTooLarge, and nobody is dropped.
-  Result<void> make_room(Room& room, const std::string& holder, std::int64_t members, std::int64_t said,
-                         const Limits& limits);
+  Result<void> make_room(Room& room, const std::string& holder, const More& more, const Limits& limits);
   void charge(Room& room, Member& member, std::int64_t bytes);
   /// Of what was there `since` then, and is not any more.
   void note_removed(Room& room, std::uint32_t member, const std::string& key, Version since, const std::string& holder);
@@ -129,7 +133,7 @@ class Rooms {
   static std::vector<Outbox::Text> texts_since(const std::string& name, const Room& room, Version since);
 
   mutable std::mutex mutex_;
-  Shares bytes_;
+  Shares bytes_, silent_bytes_;
   std::map<std::string, Room> rooms_;  ///< GUARDED_BY(mutex_)
   std::uint32_t last_member_ = 0;      ///< GUARDED_BY(mutex_)
   std::uint64_t last_session_ = 0;     ///< GUARDED_BY(mutex_)

@@ -404,6 +404,30 @@ TEST_F(RoomsTest, MembersAreLimitedAndHoldersHaveShares) {
   EXPECT_EQ(rooms_.members(), 20U);
 }
 
+TEST_F(RoomsTest, WhoMayNotSpeakLeavesRoomToThoseWhoMay) {
+  limits_.max_members = 20;
+  limits_.max_bytes = 100 * Rooms::kMemberBytes;
+  const auto enter_silently = [&](const std::string& room, const std::string& holder) {
+    return rooms_.enter({room, "Eve"}, {holder, "proof", {}, false}, limits_).has_value();
+  };
+  Person ada = enter("Ada"), bob = enter("Bob", "bob");
+  ASSERT_TRUE(say(bob, {{"pin", "1"}}, true));
+  rooms_.leave("a", bob.seat);
+  int own = 0, others = 0;
+  while (enter_silently("a", "eve")) ++own;
+  EXPECT_EQ(own, 3) << "a quarter of what is free of three quarters";
+  while (enter_silently("a", "holder " + std::to_string(others))) ++others;
+  EXPECT_EQ(own + others, 15);
+  EXPECT_EQ(look(ada).members.size(), 17U);
+  EXPECT_TRUE(ada.known.members.contains(bob.seat.member)) << "what Bob kept is there still";
+  for (int i = 0; i < 4; ++i) EXPECT_TRUE(try_to_enter("Speaker", "speaker " + std::to_string(i))) << i;
+  EXPECT_FALSE(try_to_enter("Speaker", "another"));
+  int rooms = 0;
+  while (enter_silently("room " + std::to_string(rooms), "holder " + std::to_string(rooms))) ++rooms;
+  EXPECT_LE(own + others + rooms, 75);
+  EXPECT_TRUE(rooms_.say({"a", {{"note", '"' + std::string(500, 'x') + '"'}}}, ada.seat, limits_));
+}
+
 TEST_F(RoomsTest, WhoHasBeenSilentGetsWhatIsThenTrue) {
   Person ada = enter("Ada"), slow = enter("Slow");
   look(slow);
