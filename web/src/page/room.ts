@@ -12,6 +12,9 @@ import type { Place } from './place.js';
 // sdk/room.cpp and client/room_desk.cpp.
 
 const SAY_MS = 100, MAX_SPEED = 10, ASK_AGAIN_MS = 5000, FOLLOW_MS = 150, MAX_NOTE = 500, MAX_NAME = 64, FAR = 1e12, KEPT = 'eigencast name';
+// Of a room: the most that rooms.max_room_bytes may be, counted as there; the other limits of protocol.md, section 3.
+const MAX_BYTES = 1 << 20, MEMBER_BYTES = 1024, VALUE_BYTES = 128, MAX_VALUE = 2048, MAX_KEYS = 64, MAX_FLOORS = 8, MAX_SECRET = 4096;
+const IS_KEY = /^[a-z0-9._-]{1,32}$/;
 const COLOURS = ['#e69f00', '#56b4e9', '#009e73', '#f0e442', '#0072b2', '#d55e00', '#cc79a7', '#ff6b8b'];
 const STYLE = `
 .room { position: absolute; left: 12px; top: 64px; width: 220px; max-height: 60%; overflow: auto; padding: 10px 12px; border-radius: 12px; background: var(--card); font-size: 14px; }
@@ -65,6 +68,12 @@ export function pointFrom(value: unknown): SurfacePoint | undefined {
   return { stream, corners: corners as [number, number, number], weights: given, note: typeof note === 'string' ? note.slice(0, MAX_NOTE) : '' };
 }
 
+/** What a value counts for; too long a one is never room for. */
+function bytesOf(key: string, value: unknown): number {
+  const { length } = JSON.stringify(value);
+  return length > MAX_VALUE ? Infinity : VALUE_BYTES + 2 * (key.length + length);
+}
+
 /** What is known of a room. */
 export class RoomState {
   self = 0;
@@ -72,37 +81,58 @@ export class RoomState {
   resume = '';
   readonly members = new Map<number, Member>();
   readonly floors = new Map<string, number>();
+  #bytes = 0;
 
-  /** What is not of its type is as if it were not there. */
+  /** What is not of its type, or beyond what a room may hold, is as if it were not there. */
   take(news: Json): void {
     if (typeof news['self'] === 'number') {
       this.self = news['self'];
-      this.resume = String(news['resume'] ?? '');
+      this.resume = String(news['resume'] ?? '').slice(0, MAX_SECRET);
       this.speaks = news['speaks'] === true;
     }
     if (news['whole'] === true) {
       this.members.clear();
       this.floors.clear();
+      this.#bytes = 0;
     }
-    for (const id of list(news['gone'])) this.members.delete(Number(id));
+    for (const id of list(news['gone'])) this.#remove(Number(id));
     for (const one of list(news['members'])) {
       const { id, name, colour, here, values } = Object(one) as Json;
       if (typeof id !== 'number') continue;
-      const member = this.members.get(id) ?? { name: '', colour: '#808080', here: true, values: new Map<string, unknown>() };
-      this.members.set(id, member);
+      const member = this.members.get(id) ?? this.#add(id);
+      if (!member) continue;
       if (typeof name === 'string') member.name = name.slice(0, MAX_NAME);
       if (/^#[0-9a-f]{6}$/i.test(String(colour))) member.colour = String(colour);
       member.here = here !== false;
-      for (const [key, value] of Object.entries(Object(values) as Json)) {
-        if (value === null) member.values.delete(key);
-        else member.values.set(key, value);
-      }
+      for (const [key, value] of Object.entries(Object(values) as Json)) this.#put(member.values, key, value);
     }
     for (const one of list(news['floors'])) {
       const { floor, member } = Object(one) as Json;
       if (member === 0) this.floors.delete(String(floor));
-      else this.floors.set(String(floor), Number(member));
+      else if (this.floors.has(String(floor)) || (this.floors.size < MAX_FLOORS && IS_KEY.test(String(floor)))) this.floors.set(String(floor), Number(member));
     }
+  }
+  #add(id: number): Member | undefined {
+    if (this.#bytes + MEMBER_BYTES > MAX_BYTES) return undefined;
+    this.#bytes += MEMBER_BYTES;
+    const member = { name: '', colour: '#808080', here: true, values: new Map<string, unknown>() };
+    this.members.set(id, member);
+    return member;
+  }
+  #remove(id: number): void {
+    const member = this.members.get(id);
+    if (!member) return;
+    for (const key of member.values.keys()) this.#put(member.values, key, null);
+    this.members.delete(id);
+    this.#bytes -= MEMBER_BYTES;
+  }
+  /** Of one that may not be put, the value before is not true either. */
+  #put(values: Map<string, unknown>, key: string, value: unknown): void {
+    const before = values.has(key) ? bytesOf(key, values.get(key)) : 0, after = value === null ? 0 : bytesOf(key, value);
+    const isNew = before === 0, fits = this.#bytes + after - before <= MAX_BYTES && !(isNew && (values.size >= MAX_KEYS || !IS_KEY.test(key)));
+    this.#bytes += (fits ? after : 0) - before;
+    if (value === null || !fits) values.delete(key);
+    else values.set(key, value);
   }
   get leader(): Member | undefined {
     return this.members.get(this.floors.get('lead') ?? 0);

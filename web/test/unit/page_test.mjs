@@ -132,6 +132,29 @@ test('ColourTablesAreThoseOfTheNativeViewer', () => {
   }
 });
 
+test('RoomsOfHostileBrokersStaySmall', () => {
+  const state = new RoomState(), take = (members, more = {}) => state.take({ op: 'room', room: 'a', members, ...more });
+  const held = () => [...state.members.values()].reduce((sum, { values }) => sum + JSON.stringify([...values]).length, 0);
+  take([], { self: 1, resume: 'x'.repeat(10_000), floors: Array.from({ length: 100 }, (_, i) => ({ floor: `f${i}`, member: 1 })) });
+  assert.deepEqual([state.resume.length, state.floors.size], [4096, 8]);
+  take([{ id: 1, values: Object.fromEntries(Array.from({ length: 200 }, (_, i) => [`k${i}`, i])) }]);
+  assert.equal(state.members.get(1).values.size, 64);
+  take([{ id: 2, values: { 'Bad key': 1, ['k'.repeat(33)]: 1, k: 'x'.repeat(2046) } }]);
+  assert.deepEqual([...state.members.get(2).values.keys()], ['k']);
+  take([{ id: 2, values: { k: 'x'.repeat(2047) } }]);
+  assert.equal(state.members.get(2).values.size, 0, 'what was said before is not true any more');
+  const much = Object.fromEntries(Array.from({ length: 64 }, (_, i) => [`k${i}`, 'x'.repeat(2000)]));
+  for (let id = 3; id < 100; ++id) take([{ id, values: much }]);
+  assert.ok(held() < 1 << 20 && held() > 1 << 18, `${held()}`);
+  for (let id = 100; id < 5000; ++id) take([{ id }]);
+  assert.ok(state.members.size <= 1024);
+  take([], { gone: Array.from({ length: 5000 }, (_, id) => id) });
+  take(Array.from({ length: 1024 }, (_, id) => ({ id, name: 'P' })));
+  assert.equal(state.members.size, 1024, 'room is given back');
+  take([{ id: 0, values: { k: 1 } }], { whole: true });
+  assert.deepEqual([...state.members.get(0).values], [['k', 1]]);
+});
+
 test('RoomsAreFollowedByTheirNews', () => {
   const state = new RoomState();
   state.take({ op: 'room', room: 'a', self: 3, resume: 'secret', speaks: true });
