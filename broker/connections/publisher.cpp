@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "broker/access/resume_secret.h"
-#include "broker/relay/hub.h"
 #include "broker/relay/fair_reads.h"
+#include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/segments.h"
@@ -53,6 +53,7 @@ Result<void> Publisher::claim(Stream& stream, bool replace) {
   if (auto claimed = stream.claim(*this, replace); !claimed) return claimed;
   contested_until_us_.reset();
   stream_ = &stream;
+  claimed_us_ = context().turn.now_us();
   log(context().log, LogLevel::kInfo, name() + ": connected");
   watchers_ = stream_->watchers();
   return {};
@@ -70,6 +71,11 @@ bool Publisher::claim_contested(const std::string& shown) {
   log(context().log, LogLevel::kWarning, name() + ": refused, the stream has a sender");
   refuse(claimed.error(), name_, websocket::CloseCode::kPolicy);
   return false;
+}
+
+/// It has had the time to upload what it wants to announce.
+bool Publisher::yields() const {
+  return !is_announced() && context().turn.now_us() - claimed_us_ > context().config.timeouts.upload_ms * 1000;
 }
 
 void Publisher::on_replaced() {

@@ -18,6 +18,7 @@ class Publisher final : public Connection, public PublisherLink {
 
   void on_watcher_count(std::uint32_t count) override;
   void on_replaced() override;
+  bool yields() const override;
   void describe(ClientInfo& info) const override;
 
  private:
@@ -52,6 +53,7 @@ class Publisher final : public Connection, public PublisherLink {
 
   std::string name_;
   Stream* stream_ = nullptr;  ///< Set while this is the stream's publisher.
+  TimeUs claimed_us_ = 0;     ///< Since then.
   /// Until when it may show that the sender that is there is its own past; nothing: it was let in, or is refused.
   std::optional<TimeUs> contested_until_us_;
   std::uint32_t watchers_ = 0;

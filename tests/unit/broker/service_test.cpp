@@ -253,6 +253,26 @@ TEST_F(ResumeTest, NameThatAnotherHoldsIsNotResumed) {
   expect_refused(secret);
 }
 
+TEST_F(ResumeTest, NameIsNotHeldForEverWithoutAnAnnouncement) {
+  stop();
+  config_.timeouts.upload_ms = 100;
+  start();
+  auto first = sender("a");
+  Client holder(port_, "/v1/publish/b");
+  const auto code_of = [&](const std::string& name) {
+    Client second(port_, "/v1/publish/" + name);
+    control::Announce message = small_announce();
+    message.asset = asset_;
+    second.send(message);
+    const auto answer = second.next_control();
+    const auto* error = std::get_if<control::ErrorMessage>(&answer);
+    return error != nullptr ? error->code : std::string();
+  };
+  while (code_of("b") == "refused") continue;
+  EXPECT_EQ(holder.close_code(), 4409);
+  EXPECT_EQ(code_of("a"), "refused") << "it has announced";
+}
+
 TEST_F(ResumeTest, SecretNeedsItsHolderAndTheRight) {
   const auto one = create_static_token("one", {"a"}, {}, false), two = create_static_token("two", {"a"}, {}, false),
              three = create_static_token("three", {"b"}, {}, false);
