@@ -29,6 +29,7 @@ class DiskThreads {
   }
   /// Until all is done.
   void join() { pool_.join(); }
+  boost::asio::thread_pool& pool() { return pool_; }
 
  private:
   Work next() {

@@ -39,6 +39,7 @@
 #include "broker/http/http_session.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/ownership.h"
+#include "broker/sockets/disk_threads.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/history.h"
 #include "broker/storage/recorder.h"
@@ -284,7 +285,7 @@ class Service {
         ownership_([this]() -> Result<std::uint32_t> { return ++epoch_; }),
         disk_(0),
         loops_(config(),
-               {disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "fuzz", "session"},
+               {disk_, disk_, disk_, gate_, *assets_, recorder_, history_, ownership_, nullptr, {}, "fuzz", "session"},
                {assets_.get(), &recorder_}) {
     std::signal(SIGPIPE, SIG_IGN);
     clock_is_stepped = true;
@@ -300,7 +301,7 @@ class Service {
 
   /// Runs everything that can run now.
   void run() {
-    auto& disk = asio::use_service<asio::detail::scheduler>(disk_);
+    auto& disk = asio::use_service<asio::detail::scheduler>(disk_.pool());
     ErrorOf ignored;
     do {
       loops_.first().io().poll();  // Returns when nothing is ready.
@@ -355,7 +356,7 @@ class Service {
   Recorder recorder_;
   History history_;
   SoleOwnership ownership_;
-  asio::thread_pool disk_;  ///< Without threads: run() does its work.
+  DiskThreads disk_;  ///< Without threads: run() does its work.
   Loops loops_;
 };
 
