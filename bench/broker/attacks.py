@@ -34,6 +34,7 @@ ASSET, ASSET_ID = payloads.asset()
 RATE = 60
 FLAGS = {"proxy-trusted": "127.0.0.0/8", "access-anonymous": "anywhere", "access-jwt-secret": SECRET, "threads": 1, "history-streams": "attack/seek"}
 SMALL = {"rows": 64, "channels": 8, "band_ends": [64], "codec": "quantised"}
+TINY = {**SMALL, "rows": 1, "channels": 1, "band_ends": [1]}
 LARGE = {**SMALL, "rows": 4096, "band_ends": [4096]}  # 32,768 coefficients, the most of a stream.
 RECALLED = 4 << 3  # In a frame's first byte.
 
@@ -72,8 +73,8 @@ def put(port, body, address="192.0.2.1"):
     return ask(port, "PUT", "/v1/assets/" + hashlib.sha256(body).hexdigest(), body, address)[0]
 
 
-def connect(port, path, address, *headers):
-    peer = Peer(port, path, SUBPROTOCOL, [f"X-Forwarded-For: {address}", *headers])
+def connect(port, path, address, *headers, **how):
+    peer = Peer(port, path, SUBPROTOCOL, [f"X-Forwarded-For: {address}", *headers], **how)
     if peer.status != 101:
         raise ConnectionError(f"{path}: {peer.status}")
     return peer
@@ -422,40 +423,68 @@ def moments(port, ready, go, viewers=100, streams=60):
     return f"{said} lags, {viewers} viewers of {streams} streams"
 
 
-def many_watched(port, ready, go, addresses=8, connections=24, streams=256):
-    """Viewers of a few addresses watch all streams that there are, on each of many connections, and say nothing."""
-    senders = [Sender(port, f"attack/watched/{i}", SMALL, f"203.0.113.{100 + i % 8}") for i in range(streams)]
+def watch_all(port, streams, addresses, viewers, **how):
+    """So many viewers of a few addresses, each of whom watches all streams; and how many they watch."""
+    peers = [connect(port, "/v1/subscribe", f"203.0.113.{i % addresses}", **how) for i in range(viewers)]
+    text = b"".join(frame(TEXT, json.dumps({"op": "subscribe", "stream": stream, "profile": {"rate": "raw"}}).encode()) for stream in streams)
+    for peer in peers if how else read_all(peers):
+        peer.send(text)
+    until, watching = time.monotonic() + 120, 0
+    while watching < len(streams) * viewers and time.monotonic() < until:
+        time.sleep(0.5)
+        listed = json.loads(ask(port, "GET", "/v1/streams", address="198.51.100.200")[1])["streams"]
+        watching = sum(stream["subscribers"] for stream in listed if stream["stream"] in streams)
+    return peers, watching
+
+
+def named(kind, count):
+    return [f"attack/{kind}/{i}" for i in range(count)]
+
+
+def joined(port, streams, layout, addresses=1):
+    senders = [Sender(port, stream, layout, f"203.0.113.{100 + i % addresses}") for i, stream in enumerate(streams)]
     for sender in senders:
         sender.join()
-    peers = read_all([connect(port, "/v1/subscribe", f"203.0.113.{i % addresses}") for i in range(addresses * connections)])
-    for i in range(streams):
-        text = frame(TEXT, json.dumps({"op": "subscribe", "stream": f"attack/watched/{i}", "profile": {"rate": "raw"}}).encode())
-        for peer in peers:
-            peer.send(text)
-    until = time.monotonic() + 120
-    watching = 0
-    while watching < streams * len(peers) and time.monotonic() < until:
-        time.sleep(0.5)
-        listed = json.loads(ask(port, "GET", "/v1/streams")[1])["streams"]
-        watching = sum(stream["subscribers"] for stream in listed if stream["stream"].startswith("attack/"))
+    return senders
+
+
+def many_watched(port, ready, go, addresses=8, connections=24, streams=256):
+    """Viewers of a few addresses watch all streams that there are, on each of many connections, and say nothing."""
+    streams = named("watched", streams)
+    joined(port, streams, SMALL, 8)
+    peers, watching = watch_all(port, streams, addresses, addresses * connections)
     ready()
     while go():
         time.sleep(0.1)
     return f"{watching} watched, {len(peers)} connections"
 
 
+def keys_at_once(port, ready, go, addresses=4, viewers=500, streams=126, hz=10):
+    """The keys of many streams come at one moment for each of many viewers. (H2 of the thirteenth audit)"""
+    streams = named("burst", streams)
+    senders = joined(port, streams, TINY)
+    _, watching = watch_all(port, streams, addresses, viewers)
+    sent, due = 0, time.monotonic()
+    ready()
+    while go():
+        for sender, key in [(sender, sender.frame(payloads.KEY, zeros(TINY)[1])) for sender in senders]:
+            sender.peer.send(key)
+        sent, due = sent + 1, max(due + 1 / hz, time.monotonic() - 1)
+        time.sleep(max(0, due - time.monotonic()))
+    return f"{watching} watched, {sent} times {len(streams)} keys"
+
+
+def keys_for_crowds(port, ready, go):
+    """A few streams of many keys for very many viewers of many addresses."""
+    return keys_at_once(port, ready, go, addresses=16, viewers=1600, streams=16, hz=200)
+
+
 def unread_keys(port, ready, go, streams=20, viewers=300):
     """Streams of one number and as many keys as come through, for viewers of one address that read nothing."""
-    tiny = {**SMALL, "rows": 1, "channels": 1, "band_ends": [1]}
-    senders = [Sender(port, f"attack/unread/{i}", tiny, "203.0.113.200") for i in range(streams)]
-    for sender in senders:
-        sender.join()
-    subscriptions = b"".join(frame(TEXT, json.dumps({"op": "subscribe", "stream": f"attack/unread/{i}", "profile": {"rate": "raw"}}).encode())
-                             for i in range(streams))
-    peers = [Peer(port, "/v1/subscribe", SUBPROTOCOL, ["X-Forwarded-For: 203.0.113.200"], receive_buffer=2048) for _ in range(viewers)]
-    for peer in peers:
-        peer.send(subscriptions)
-    keys, sent = [b"".join(sender.frame(payloads.KEY, zeros(tiny)[1]) for _ in range(256)) * 16 for sender in senders], [0] * streams
+    streams = named("unread", streams)
+    senders = joined(port, streams, TINY)
+    peers, _ = watch_all(port, streams, 1, viewers, receive_buffer=2048)
+    keys, sent = [b"".join(sender.frame(payloads.KEY, zeros(TINY)[1]) for _ in range(256)) * 16 for sender in senders], [0] * len(streams)
     for sender in senders:
         sender.peer.sock.setblocking(False)
     ready()
@@ -465,7 +494,7 @@ def unread_keys(port, ready, go, streams=20, viewers=300):
                 at = sent[i] % len(keys[i])
                 sent[i] += sender.peer.sock.send(keys[i][at:at + 16384])
         time.sleep(0.001)
-    return f"{sum(sent) * 256 * 16 // len(keys[0])} keys, {len(peers)} viewers of {streams} streams"
+    return f"{sum(sent) * 256 * 16 // len(keys[0])} keys, {len(peers)} viewers of {len(streams)} streams"
 
 
 def new_names(port, ready, go):
@@ -572,7 +601,7 @@ def ask_upgrade(port, forwarded):
 
 
 TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
-         full_rooms, moments, many_watched, unread_keys, new_names]
+         full_rooms, moments, many_watched, keys_at_once, keys_for_crowds, unread_keys, new_names]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 
 
