@@ -120,8 +120,9 @@ std::size_t Connection::unread_answers() const {
 }
 
 double Connection::write_us() const {
-  return kWriteUs + kPieceUs * static_cast<double>(pieces_due()) + (transport_.is_tls() ? kRecordUs : 0) +
-         (window_check_due_ ? kCheckUs : 0);
+  const double check_us = window_check_due_ ? kCheckUs : 0;
+  if (blocked_ || pieces_due() == 0) return check_us;
+  return check_us + kWriteUs + kPieceUs * static_cast<double>(pieces_due()) + (transport_.is_tls() ? kRecordUs : 0);
 }
 
 void Connection::pay_for_output() {

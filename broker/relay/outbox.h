@@ -39,7 +39,6 @@ class Outbox {
   };
 
   static constexpr std::size_t kTextBytes = 64;  ///< What a Text takes besides its characters.
-  static constexpr double kOfferUs = 0.035;      ///< What a sender pays for a key that is offered.
 
   struct Item {  ///< One of the two is set.
     Text text;

@@ -5,7 +5,6 @@
 #include <cassert>
 #include <utility>
 
-#include "broker/relay/outbox.h"
 #include "broker/websocket/protocol.h"
 #include "common/wire/limits.h"
 
@@ -247,7 +246,7 @@ void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
   }
   present_.newest = record;
   ++keys_received_;
-  unpaid_us_ += Outbox::kOfferUs * watchers();
+  unpaid_us_ += kOfferUs * watchers();
   tracer_.note_key(record->sequence, record->arrival_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, present_.newest);
   for (auto& [key, group] : groups_) group->add_key(*this, now_us);

@@ -109,6 +109,8 @@ using SnapshotPtr = std::shared_ptr<const Snapshot>;
 /// loop; each loop that watches a stream has its own Stream (see mirror.h), and these share a StreamShare.
 class Stream {
  public:
+  static constexpr double kOfferUs = 0.035;  ///< What a sender pays for a key and a viewer.
+
   struct Settings {
     TimeUs max_span_us = 500'000;         ///< Keys further apart are not bridged by interpolation (default: 500 ms).
     std::uint32_t max_watchers = 10'000;  ///< More are refused (default: 10,000).

@@ -151,7 +151,7 @@ TEST_F(ChangeOver, TheSenderPaysForEachViewerOfTheNewEpoch) {
   EXPECT_GE(stream_.take_unpaid_us(), 20 * 10.0) << "what an announcement costs it";
   wait(kInterval);
   play(1);
-  EXPECT_DOUBLE_EQ(stream_.take_unpaid_us(), 20 * Outbox::kOfferUs) << "a key";
+  EXPECT_DOUBLE_EQ(stream_.take_unpaid_us(), 20 * Stream::kOfferUs) << "a key";
 }
 
 TEST_F(ChangeOver, ProgressIsShownAndChangesNothing) {

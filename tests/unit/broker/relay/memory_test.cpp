@@ -310,7 +310,7 @@ TEST_F(MemoryTest, ChangesOfChainsArePaidByTheSender) {
   for (MemoryViewer& viewer : viewers) watch(viewer);
   plain_key();
   remember(0, 30);
-  EXPECT_DOUBLE_EQ(stream_->take_unpaid_us(), 20 * Outbox::kOfferUs) << "a key";
+  EXPECT_DOUBLE_EQ(stream_->take_unpaid_us(), 20 * Stream::kOfferUs) << "a key";
   recalled_key(8);
   EXPECT_GE(stream_->take_unpaid_us(), 20 * kChangeUs) << "they lack it";
   for (MemoryViewer& viewer : viewers) hold(viewer);
