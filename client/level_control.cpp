@@ -17,17 +17,43 @@ constexpr PictureQuality kLow{PictureQuality::kMinScale, 1, ShadowQuality::kSmal
 static_assert(kResolutions.back() == PictureQuality::kMinScale);
 enum Knob : std::size_t { kScale, kSamples, kShadow, kGround, kKnobs };
 
-/// Of one sample: pixels drawn to one shown, along each side. More of them do a part of what four samples do.
-constexpr std::array<float, 7> kOneSample{PictureQuality::kMaxScale, 1.341F, 1.26F, 1.189F, 1.122F, 1.059F, 1};
+/// One sample, and pixels drawn to one shown, along each side: more of them do a part of what four samples do.
+struct OneSample {
+  float scale;
+  QualityKnob::Step step;
+};
+// Errors are by mean squares: means are of roundings, wherever pixels are scaled.
+constexpr std::array<OneSample, 7> kOneSample{{{PictureQuality::kMaxScale, {0.5, 0.62}},
+                                               {1.341F, {0.515, 0.7}},
+                                               {1.26F, {0.53, 0.78}},
+                                               {1.189F, {0.57, 0.84}},
+                                               {1.122F, {0.63, 0.9}},
+                                               {1.059F, {0.67, 0.95}},
+                                               {1, {1, 1}}}};
+
+/// Step 0 is four samples; from 1 on kOneSample and, between two of these, their middle.
+float scale_of_samples(std::size_t step) {
+  if (step == 0) return 1;
+  const float below = kOneSample[step / 2].scale, above = kOneSample[(step - 1) / 2].scale;
+  return std::sqrt(below * above);
+}
+
+QualityKnob samples_knob(double error, double saved) {
+  QualityKnob knob{error, saved, {{0, 0}}};
+  for (std::size_t step = 1; step < 2 * kOneSample.size(); ++step) {
+    const QualityKnob::Step& below = kOneSample[step / 2].step;
+    const QualityKnob::Step& above = kOneSample[(step - 1) / 2].step;
+    knob.steps.push_back({(below.error + above.error) / 2, (below.saved + above.saved) / 2});
+  }
+  return knob;
+}
 
 /// What llvmpipe saves, and by how much pictures of horses and hearts change (mean of all channels, of 255), until it
 /// is measured here.
 std::vector<QualityKnob> usual_knobs() {
   std::vector<QualityKnob> knobs(kKnobs);
   knobs[kScale] = resolution_knob(0.25, 0.3);
-  // Errors between are by mean squares: means are of roundings, wherever pixels are scaled.
-  knobs[kSamples] = {
-      0.1, 0.35, {{0, 0}, {0.5, 0.47}, {0.515, 0.55}, {0.53, 0.64}, {0.57, 0.73}, {0.63, 0.82}, {0.67, 0.91}, {1, 1}}};
+  knobs[kSamples] = samples_knob(0.1, 0.35);
   knobs[kShadow] = {2.4, 0.5, {{0, 0}, {0.22, 0.5}, {1, 1}}};
   knobs[kGround] = {3.7, 0.1, {{0, 0}, {1, 1}}};
   return knobs;
@@ -48,7 +74,7 @@ double bend_of(const AssetFacts& asset) {
 
 PictureQuality quality_from_steps(std::span<const std::size_t> steps) {
   const std::size_t samples = steps[kSamples];
-  return {kResolutions[steps[kScale]] * (samples == 0 ? 1 : kOneSample[samples - 1]), samples == 0 ? 4 : 1,
+  return {kResolutions[steps[kScale]] * scale_of_samples(samples), samples == 0 ? 4 : 1,
           static_cast<ShadowQuality>(steps[kShadow]), steps[kGround] == 0};
 }
 

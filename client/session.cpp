@@ -222,7 +222,8 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Style& style,
   try_quality(renderer, camera, options, *other, width_px, height_px, target);
 }
 
-/// Beside the picture's work. Both are drawn twice in turn, for another program may delay any.
+/// Beside the picture's work. Both are drawn twice in turn, counting the picture itself, for another program may delay
+/// any.
 void Session::try_quality(Renderer& renderer, const Camera& camera, RenderOptions options, const PictureQuality& other,
                           int width_px, int height_px, unsigned target) {
   Renderer::finish();
@@ -238,12 +239,12 @@ void Session::try_quality(Renderer& renderer, const Camera& camera, RenderOption
     return static_cast<double>(steady_now_us() - began);
   };
   const PictureQuality now = options.quality;
-  time_of(other);  // makes buffers and programs
-  double others = time_of(other), own = time_of(now);
+  const auto shown_us = static_cast<double>(drawn - uploaded_us_);
+  const double before = static_cast<double>(work_.spent_us()) - shown_us;
+  double others = time_of(other);  // makes buffers and programs, too
+  const double own = std::min(shown_us, time_of(now));
   others = std::min(others, time_of(other));
   const Picture tried = Renderer::read_back(width_px, height_px, aside);
-  own = std::min(own, time_of(now));
-  const double before = static_cast<double>(work_.spent_us() - (drawn - uploaded_us_));
   double difference = 0;
   for (std::size_t i = 0; i < shown.rgb.size(); ++i) difference += std::abs(int{shown.rgb[i]} - int{tried.rgb[i]});
   levels_.measured(before + own, before + others,

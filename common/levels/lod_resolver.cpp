@@ -213,6 +213,7 @@ void BudgetResolver::learn(double seconds, double max_cost) {
 
 void BudgetResolver::scale_costs(double factor) {
   slope_ *= factor, fixed_ *= factor, mean_t_ *= factor;
+  growth_ = kGrowth * std::max(1.0, 1 / factor);
   rest_.scale(factor);
   for (double& seconds : newest_) seconds *= factor;
 }
@@ -238,7 +239,7 @@ double BudgetResolver::wanted_vertices(double min_cost, double max_cost) const {
     return drawn_ == resolved_ ? wanted_ : drawn_;
   // The part of the vertices that is in time if they took all of the last frame's time.
   const double part = newest_.empty() ? 1 : margin_.fill() * frame_s() / newest_.back();
-  return std::clamp(wanted, drawn_ * std::min(part, kLeastFall), drawn_ * kGrowth);
+  return std::clamp(wanted, drawn_ * std::min(part, kLeastFall), drawn_ * growth_);
 }
 
 std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
@@ -254,6 +255,7 @@ std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> o
     judge(min_cost, last->seconds);
   }
   wanted_ = wanted_vertices(min_cost, max_cost);
+  growth_ = kGrowth;
   auto n = split_budget(objects, wanted_);
   drawn_ = 0;
   for (std::size_t i = 0; i < n.size(); ++i) drawn_ += objects[i].vertex_cost * n[i];

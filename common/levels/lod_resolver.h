@@ -152,8 +152,8 @@ class PlanMargin {
 /// If a alone exceeds a frame's time for kPatience frames at the smallest V, no V holds the rate: then the vertices may
 /// take kShare of the time at the smallest V, until the model says as long that the smallest V would be in time again.
 ///
-/// V grows by at most kGrowth a frame, and shrinks to no less than the part of it that would be in time if it took all
-/// of the last frame's time, and to kLeastFall at most in a frame.
+/// V grows by at most kGrowth a frame, and besides by what scale_costs() saves. It shrinks to no less than the part of
+/// it that would be in time if it took all of the last frame's time, and to kLeastFall at most in a frame.
 class BudgetResolver final : public LodResolver {
  public:
   static constexpr double kGrowth = 1.15;
@@ -201,6 +201,7 @@ class BudgetResolver final : public LodResolver {
   DriftingValue rest_;                           ///< Times of frames minus b V.
   double planned_ = 0;
   double drawn_ = 0;                  ///< V of the last frame.
+  double growth_ = kGrowth;           ///< Of V, at most, by the next frame.
   double wanted_ = 0, resolved_ = 0;  ///< What V was to be, and was but for vertices that still vanish.
   bool within_reach_ = true;          ///< Fewer vertices can hold the rate.
   int frames_against_ = 0;            ///< In a row, against within_reach_.

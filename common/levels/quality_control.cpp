@@ -9,8 +9,8 @@
 namespace eigencast {
 namespace {
 
-constexpr double kLate = 100;   // of the largest error, for twice the time: being in time goes before all
-constexpr double kRoom = 0.95;  // of the budget, for a change that costs time
+constexpr double kLate = 100;                 // of the largest error, for twice the time: being in time goes before all
+constexpr double kRoom = 0.92, kFull = 0.96;  // of the budget, for a change that costs time, or that saves it
 constexpr double kMostSaved = 0.95;
 constexpr double kSurprise = 1.5;  // of a change's time, at most, for what it was said to take
 constexpr double kStep = 0.5;      // of the rest of a picture
@@ -147,14 +147,18 @@ void QualityControl::adapt(const Scene& scene) {
   if (pictures_ < kWarm + kLearn || since_change_ < kLearn) return;
   if (settings_.trials && next_trial_ < settings_.knobs.size()) return;  // measured first, at full quality
   const double now = error_of(steps_, scene, budget_s);
-  const Steps cheaper = best(scene, budget_s);
+  const Steps cheaper = best(scene, kFull * budget_s);
   const bool helps = time_left(cheaper) < time_left(steps_) && error_of(cheaper, scene, budget_s) < (1 - kBetter) * now;
   late_ = helps ? late_ + 1 : 0;
   if (late_ >= kLearn) return change_to(cheaper);
   if (since_change_ < wait_) return;
   if (since_change_ % kLongestWait == 0) wait_ = std::max(kWait, wait_ / 2);
-  const Steps finer = best(scene, kRoom * budget_s);
-  if (time_left(finer) > time_left(steps_) && error_of(finer, scene, kRoom * budget_s) < (1 - kBetter) * now)
+  // Time that nothing uses, beside all vertices, is used for any less error, and takes none of them.
+  const double room_s = kRoom * budget_s;
+  const bool idle = full_s < room_s;
+  const Scene asked{idle ? scene.most : scene.least, scene.most};
+  const Steps finer = best(asked, room_s);
+  if (time_left(finer) > time_left(steps_) && error_of(finer, asked, room_s) < (idle ? 1 : 1 - kBetter) * now)
     change_to(finer);
 }
 

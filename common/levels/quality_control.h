@@ -37,9 +37,9 @@ inline constexpr double kOfHalfTheVertices = 0.4;
 /// combinations that with the least error in time is taken, as the model says. Savings are estimates until measured: by
 /// trial() at the start and again now and then, or, without trials, by each change.
 ///
-/// A change needs kLearn pictures since the last one, and an error less by kBetter; one that saves time is wanted in
-/// kLearn pictures in a row. One that costs time needs a wait, which doubles whenever such a change had to be undone,
-/// so that nothing oscillates.
+/// A change needs kLearn pictures since the last one, and an error less by kBetter, or, where time is left beside all
+/// vertices, any less error; one that saves time is wanted in kLearn pictures in a row. One that costs time needs a
+/// wait, which doubles whenever such a change had to be undone, so that nothing oscillates.
 class QualityControl final {
  public:
   static constexpr int kLearn = 4;            ///< Pictures that measure a change.

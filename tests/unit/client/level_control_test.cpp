@@ -122,8 +122,8 @@ TEST(Levels, TheTimeIsUsedWhereOneSampleSavesTooMuch) {
   constexpr double kRate = 15;
   constexpr std::size_t kSettled = 60, kPictures = 420;
   std::vector<double> fifths;
-  // Machines on which the whole picture takes 1.2 to 1.5 times its time; horses stride.
-  for (const double slower : {0.91, 0.95, 1.0, 1.06, 1.14}) {
+  // Machines on which the whole picture takes 1.15 to 1.55 times its time; horses stride.
+  for (double slower = 0.88; slower < 1.18; slower *= 1.02) {
     Stage stage({sphere_asset(4)}, {at(0, {0, 0, 0})});
     ASSERT_TRUE(stage.turn(0));
     LevelSettings settings;
@@ -163,8 +163,8 @@ TEST(Levels, TheTimeIsUsedWhereOneSampleSavesTooMuch) {
     EXPECT_LE(changes, 6) << slower;
     fifths.push_back(used[used.size() / 20]);
   }
-  EXPECT_GE(*std::min_element(fifths.begin(), fifths.end()), 0.77);
-  EXPECT_GE(std::accumulate(fifths.begin(), fifths.end(), 0.0) / static_cast<double>(fifths.size()), 0.8);
+  EXPECT_GE(*std::min_element(fifths.begin(), fifths.end()), 0.8);
+  EXPECT_GE(std::accumulate(fifths.begin(), fifths.end(), 0.0) / static_cast<double>(fifths.size()), 0.83);
 }
 
 TEST(Levels, VerticesGoWhereTheyAreMissed) {

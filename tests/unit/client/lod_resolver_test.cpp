@@ -314,6 +314,26 @@ TEST(BudgetResolver, HoldsTheRateOnASlowMachine) {
   EXPECT_LE(flight.wobble, 0.01);
 }
 
+TEST(BudgetResolver, TimeSavedElsewhereIsUsedAtOnce) {
+  BudgetResolver resolver({.f0 = 20});
+  ObjectView object{50'586, 500, 1, 500, 1};
+  std::optional<FrameWork> last;
+  double factor = 1, part = 0;
+  const auto frame = [&] {
+    object.drawn = resolver.resolve({&object, 1}, last)[0];
+    part = object.drawn / 50'586.0;
+    last = FrameWork{0, factor * (0.005 + 0.1 * part)};
+  };
+  for (int i = 0; i < 100; ++i) frame();
+  EXPECT_NEAR(part, 0.4, 0.05);
+  factor = 0.5;  // of fewer samples
+  last->seconds *= factor;
+  resolver.scale_costs(factor);
+  frame();
+  EXPECT_GT(part, 0.8);
+  EXPECT_LE(last->seconds, 1.0 / 20);
+}
+
 TEST(BudgetResolver, LeavesTimeForNoise) {
   const auto flight_of = [](double noise) {
     return fly({[](double v, double) { return 0.005 + 0.195 * v / 50'586; }, noise, 0}, 20, 30);
