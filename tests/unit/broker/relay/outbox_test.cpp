@@ -61,6 +61,22 @@ TEST_F(OutboxTest, JoinComesFirstThenKeys) {
   EXPECT_EQ(outbox_.joins_total(), 1u);
 }
 
+// Late to be written, and found closed by then: what did not leave keeps no window closed.
+TEST_F(OutboxTest, WhatWasNotWrittenOpensItsWindow) {
+  join_at(1);
+  EXPECT_EQ(take(), -1);
+  outbox_.acknowledge({1, 1, 0}, now_ += 1'000);
+  join_at(2);
+  const FramePtr unsent = frame(FrameKind::kKey, 2);
+  outbox_.offer(1, unsent);
+  EXPECT_EQ(take(), 2);
+  now_ += 200'000;
+  offer_key(3);
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.drop_unsent(unsent);
+  EXPECT_EQ(take(), -3);
+}
+
 TEST_F(OutboxTest, NothingIsSentBeforeFirstKey) {
   EXPECT_EQ(take(), std::nullopt);
   join_at(1);
