@@ -92,6 +92,11 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
   /// Takes work that is done from the budget of the holder: what comes next may wait for it.
   void charge(double work_us);
+  /// Takes work that is done from the budget of deliveries.
+  void charge_output(double work_us) {
+    note_work(work_us);
+    output_us_ += work_us;
+  }
   /// Counts what it makes the loop do later in this turn of its own.
   void note_work(double work_us) { turn_us_ += work_us; }
   /// Runs a handler's work. An exception (no memory) closes only this connection.
@@ -191,6 +196,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   RateLimiter control_;
   double unpaid_us_ = 0;  ///< Of the frame that begins.
   double turn_us_ = 0;    ///< Work of this turn.
+  double output_us_ = 0;  ///< Of joins, not paid yet.
   Asked reading_{50};     ///< Most begin with a subscription.
   Asked telling_{5};
   std::unique_ptr<Timer> pause_;     ///< While it has to wait for its turn.

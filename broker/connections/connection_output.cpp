@@ -16,6 +16,7 @@ using websocket::Opcode;
 constexpr std::size_t kMaxWriteBytes = 128 * 1024;
 // More streams that have something wait, all of those of a viewer that comes back, until the slice of the write.
 constexpr std::size_t kAtOnce = 2;
+constexpr int kMaxRecords = 4;  // Of TLS, in one slice.
 // About what a write takes on the machine of docs/performance.md, besides each message of it, and a record of TLS.
 constexpr double kWriteUs = 3, kPieceUs = 1, kWrittenBytesPerUs = 10'000, kRecordUs = 3;
 constexpr double kQueuedUs = 0.2;  // A frame for a connection, whether it leaves or not.
@@ -95,15 +96,16 @@ std::size_t Connection::pieces_due() const {
 std::uint64_t Connection::fill_write_queue() {
   std::uint64_t poses = 0;
   const auto join = [this](std::uint32_t id) { return join_of(id); };
-  while (queued_bytes_ < kMaxWriteBytes && write_queue_.size() < kMaxPieces && !close_queued_) {
-    auto item = outbox_.take(context_.turn.now_us(), join);
+  // Joins that are coded for it alone may take long: the rest comes in slices of its own.
+  const double coded_us = output_us_;
+  while (queued_bytes_ < kMaxWriteBytes && write_queue_.size() < kMaxPieces && !close_queued_ &&
+         output_us_ - coded_us < Turn::kSliceUs) {
+    auto item = closing_ ? outbox_.take_control() : outbox_.take(context_.turn.now_us(), join);
     if (!item && !closing_) break;
     if (!item) {
       const auto close = websocket::framed_close(close_code_, close_reason_);
       item = Outbox::Item{close, nullptr};
       close_queued_ = true;
-    } else if (closing_ && item->frame) {
-      continue;
     }
     poses += item->frame ? 1 : 0;
     queued_bytes_ += bytes_of(*item).size();
@@ -132,7 +134,8 @@ void Connection::pay_for_output() {
   };
   const double frames = since(frames_paid_, frames_sent_), bytes = since(bytes_paid_, bytes_sent_);
   const double writes = frames - static_cast<double>(std::exchange(joined_, 0));
-  const double work_us = kWriteUs * writes + kPieceUs * frames + bytes / kWrittenBytesPerUs +
+  const double work_us = std::exchange(output_us_, 0) + kWriteUs * writes + kPieceUs * frames +
+                         bytes / kWrittenBytesPerUs +
                          kQueuedUs * static_cast<double>(std::exchange(offered_, 0)) +
                          kRecordUs * static_cast<double>(std::exchange(records_, 0));
   const TimeUs now_us = context_.turn.now_us();
@@ -168,12 +171,14 @@ void Connection::flush() {
   context_.turn.forget(*this);
   std::array<iovec, kMaxPieces> all;
   // TLS takes one record at a time; the rest is offered again until it has to wait.
-  do {
+  for (int records = 0; records < kMaxRecords; ++records) {
     const std::size_t count = pieces(all);
     if (count == 0) return;
     if (transport_.is_tls()) ++records_;
     written(transport_.write({all.data(), count}));
-  } while (transport_.is_tls() && !blocked_);
+    if (!transport_.is_tls() || blocked_) return;
+  }
+  if (!ended_) context_.turn.add(*this, false);
 }
 
 void Connection::written(const Transport::Outcome& outcome) {

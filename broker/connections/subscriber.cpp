@@ -449,7 +449,7 @@ FramePtr Subscriber::join_of(std::uint32_t stream_id) {
   if (found == streams_.end()) return nullptr;
   double work_us = 0;
   FramePtr join = found->second.stream->join_for(*this, &work_us);
-  charge(work_us);
+  charge_output(work_us);
   return join;
 }
 

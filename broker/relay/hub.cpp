@@ -164,8 +164,7 @@ Result<std::unique_ptr<Stream>> Hub::make_apart(const std::string& name, const s
 
 void Hub::forget_apart(Stream& stream) {
   assert(stream.watchers_here() == 0);
-  std::erase(dirty_, &stream);
-  unschedule(stream);
+  leave_queues(stream);
 }
 
 void Hub::drop(Stream& stream) {
@@ -187,20 +186,24 @@ bool Hub::deliver(double slice_us) {
   for (const Stream* stream : dirty_) us += stream->delivery_us();
   const bool fits = late_.empty() && us <= slice_us;
   for (Stream* stream : dirty_) {
-    if (fits || find(stream->name()) != stream) {  // One apart has a single viewer.
+    if (fits) {
       deliver(*stream);
     } else if (!std::exchange(stream->late_, true)) {
       const std::string& sender = stream->payer().empty() ? stream->name() : stream->payer();
-      late_.push(sender, std::llround(stream->delivery_us()), stream->name());
+      late_.push(sender, std::llround(stream->delivery_us()), stream->id());
+      late_streams_[stream->id()] = stream;
     }
   }
   dirty_.clear();
   for (us = 0; !late_.empty() && us < slice_us;) {
     const auto next = late_.pop();
-    Stream* stream = find(next.item);
-    if (stream == nullptr || !std::exchange(stream->late_, false)) continue;
+    const auto found = late_streams_.find(next.item);
+    if (found == late_streams_.end()) continue;
+    Stream& stream = *found->second;
+    late_streams_.erase(found);
+    stream.late_ = false;
     us += static_cast<double>(next.cost);
-    deliver(*stream);
+    deliver(stream);
   }
   return !late_.empty();
 }
@@ -212,8 +215,7 @@ void Hub::deliver(Stream& stream) {
 }
 
 void Hub::forget(decltype(streams_)::iterator stream) {
-  std::erase(dirty_, stream->second.get());
-  unschedule(*stream->second);
+  leave_queues(*stream->second);
   discharge(*stream->second);
   streams_.erase(stream);
 }
@@ -225,6 +227,12 @@ void Hub::schedule(Stream& stream) {
   if (!due_us) return;
   wakeups_.emplace(*due_us, &stream);
   stream.wake_us_ = due_us;
+}
+
+void Hub::leave_queues(Stream& stream) {
+  std::erase(dirty_, &stream);
+  if (stream.late_) late_streams_.erase(stream.id());
+  unschedule(stream);
 }
 
 void Hub::unschedule(Stream& stream) {

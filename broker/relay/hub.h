@@ -9,6 +9,7 @@
 #include <set>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -75,6 +76,7 @@ class Hub {
   void deliver(Stream& stream);
   void schedule(Stream& stream);
   void unschedule(Stream& stream);
+  void leave_queues(Stream& stream);
   bool make_room(const StreamHolder& holder, bool own);
   bool make_room_of_keys(const StreamHolder& holder, const std::string& payer, std::int64_t bytes);
   void discharge(Stream& stream);
@@ -85,7 +87,8 @@ class Hub {
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::size_t admitted_ = 0;
   std::vector<Stream*> dirty_;
-  FairQueue<std::string> late_;  ///< Names of dirty streams.
+  FairQueue<std::uint32_t> late_;                          ///< Ids of dirty streams,
+  std::unordered_map<std::uint32_t, Stream*> late_streams_;  ///< and those that are still there.
   std::set<std::pair<TimeUs, Stream*>> wakeups_;  ///< Streams by Stream::wake_us_.
 };
 

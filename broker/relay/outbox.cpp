@@ -87,7 +87,7 @@ void Outbox::miss(std::uint32_t stream_id, std::size_t frames) {
   dropped_total_ += frames;
 }
 
-std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
+std::optional<Outbox::Item> Outbox::take_control() {
   if (!control_.empty()) {
     Item item{std::move(control_.front()), nullptr};
     control_.erase(control_.begin());
@@ -95,6 +95,11 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
     return item;
   }
   if (late_pong_) return Item{std::exchange(late_pong_, nullptr), nullptr};
+  return std::nullopt;
+}
+
+std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
+  if (auto control = take_control()) return control;
   if (frames_wait(now_us)) return std::nullopt;
   if (now_us >= reopen_us_) open_windows();
   while (closed_ < waiting_.size()) {
@@ -156,6 +161,7 @@ void Outbox::drop_unsent(const FramePtr& frame) {
   --lane->counts.sent;
   std::erase_if(lane->in_flight,
                 [&](const InFlight& sent) { return sent.sequence == head.sequence && sent.step == head.step; });
+  open_windows();
   FramePtr dropped = frame;
   const bool is_last =
       !head.is_key() && !lane->key && (!lane->pose || lane->pose->envelope.capture_us < head.capture_us);

@@ -72,6 +72,8 @@ class Outbox {
   /// changed, offer it.
   bool send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us);
 
+  /// The next control message, if there is one.
+  std::optional<Item> take_control();
   /// The next message to send: control first, then the lanes in turn. Nothing: all is sent or waits for the window.
   std::optional<Item> take(TimeUs now_us, const JoinSource& join_of);
 

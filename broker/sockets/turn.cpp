@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "broker/sockets/turn.h"
 
+#include <algorithm>
 #include <boost/asio/post.hpp>
 #include <cmath>
 #include <utility>
@@ -105,9 +106,22 @@ void Turn::flush_all(std::vector<SocketWriter*>& list) {
   double us = 0;
   for (const SocketWriter* writer : flushing_) us += writer->write_us();
   const bool fits = late_.empty() && us <= kSliceUs;
-  for (SocketWriter* writer : flushing_) fits ? flush(*writer) : put_off(*writer);
+  us = 0;
+  for (SocketWriter* writer : flushing_) {
+    if (fits && us <= kSliceUs)
+      us += flush_for(*writer);
+    else
+      put_off(*writer);
+  }
   flushing_.clear();
   flush_slice();
+}
+
+/// Returns how long it took, in microseconds: it may make what it writes.
+double Turn::flush_for(SocketWriter& writer) {
+  const TimeUs from_us = steady_now_us();
+  flush(writer);
+  return static_cast<double>(steady_now_us() - from_us);
 }
 
 void Turn::flush(SocketWriter& writer) {
@@ -138,9 +152,8 @@ void Turn::flush_slice() {
     late_free_.push_back(next.item);
     SocketWriter* writer = std::exchange(late_writers_[next.item], nullptr);
     if (writer == nullptr) continue;
-    us += static_cast<double>(next.cost);
     writer->queue_ = SocketWriter::Queue::kNone;
-    flush(*writer);
+    us += std::max(static_cast<double>(next.cost), flush_for(*writer));
   }
   submit();
   if (!late_.empty()) arm_end();

@@ -149,6 +149,7 @@ class Turn {
     return queue == SocketWriter::Queue::kNow ? now_ : queue == SocketWriter::Queue::kTick ? tick_ : late_writers_;
   }
   void flush_all(std::vector<SocketWriter*>& list);
+  double flush_for(SocketWriter& writer);
   void flush(SocketWriter& writer);
   void put_off(SocketWriter& writer);
   void flush_slice();
