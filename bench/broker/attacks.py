@@ -497,6 +497,39 @@ def unread_keys(port, ready, go, streams=20, viewers=300):
     return f"{sum(sent) * 256 * 16 // len(keys[0])} keys, {len(peers)} viewers of {len(streams)} streams"
 
 
+def joins_at_once(port, ready, go, streams=96, addresses=4):
+    """Viewers, each with a profile of its own, let the windows of all streams close and open them all at one moment: each needs a join of each."""
+    layout = {**SMALL, "rows": 2048, "band_ends": [256 * (i + 1) for i in range(8)]}
+    streams = named("joins", streams)
+    senders, ids, viewers = joined(port, streams, layout, addresses), {}, []
+    for bands in range(3, 9):
+        viewers.append(viewer := connect(port, "/v1/subscribe", "203.0.113.200"))
+        for stream in streams:
+            order(viewer, "subscribe", stream=stream, profile={"rate": "raw", "bands": bands})
+            ids[stream] = hear(viewer, "stream")["stream_id"]
+    read_all(viewers)
+
+    def send(then_s):
+        for sender in senders:
+            sender.peer.send(sender.frame(payloads.KEY, zeros(layout)[1]))
+        time.sleep(then_s)
+
+    def acknowledge():
+        items = [{"stream_id": ids[sender.stream], "sequence": sender.sequence - back, "step": 0} for sender in senders for back in (2, 1, 0)]
+        for viewer in viewers:
+            for i in range(0, len(items), 60):
+                order(viewer, "ack", items=items[i:i + 60], time_us=1)
+        time.sleep(0.05)
+    for _ in range(4):
+        send(0.05), acknowledge()
+    ready()
+    rounds = 0
+    while go():
+        send(0.22), send(0.03), send(0.05), acknowledge()
+        rounds += 1
+    return f"{rounds} times {len(streams)} joins for each of {len(viewers)} viewers"
+
+
 def new_names(port, ready, go):
     """Two tokens announce streams under ever new names, of which all brokers keep a row. (D6)"""
     subjects = [f"Authorization: Bearer {token(name, pub=['**'])}" for name in ("a", "b")]
@@ -601,7 +634,7 @@ def ask_upgrade(port, forwarded):
 
 
 TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
-         full_rooms, moments, many_watched, keys_at_once, keys_for_crowds, unread_keys, new_names]
+         full_rooms, moments, many_watched, keys_at_once, keys_for_crowds, joins_at_once, unread_keys, new_names]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 
 
