@@ -99,7 +99,7 @@ std::string text_from_lowered(const LevelControl& levels, const HudFigures& figu
   if (quality.shadow != ShadowQuality::kFull)
     parts.emplace_back(quality.shadow == ShadowQuality::kSmall ? "small shadow" : "no shadow");
   if (!quality.ground) parts.emplace_back("no ground");
-  if (levels.active() && figures.vertices < figures.vertices_total)
+  if (levels.active() && figures.vertices < figures.vertices_wanted)
     parts.push_back(formatted(
         "vertices %.0f %%", 100 * static_cast<double>(figures.vertices) / static_cast<double>(figures.vertices_total)));
   if (parts.empty()) return {};

@@ -21,6 +21,7 @@ struct HudFigures {
   TimeUs latency_p50_us = 0, latency_p99_us = 0;
   std::uint64_t latency_count = 0;
   std::uint64_t vertices = 0, vertices_total = 0, faces = 0;  ///< Sums over all surfaces.
+  std::uint64_t vertices_wanted = 0;                          ///< As --lod and + - say.
   std::vector<double> levels;                                 ///< Drawn part of each surface's vertices.
   std::uint32_t bands = 0, bands_total = 0, rank = 0;
   std::string rebuilt;   ///< From text_from_rebuilt.

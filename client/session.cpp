@@ -337,6 +337,7 @@ HudFigures Session::figures() const {
     const Asset* asset = sources()[instance.placement.source]->asset();
     if (asset == nullptr) continue;
     f.vertices_total += asset->vertex_count;
+    f.vertices_wanted += instance.view.lod().vertices(*asset);
     f.levels.push_back(static_cast<double>(instance.view.geometry().vertex_count()) / asset->vertex_count);
   }
   if (scene_.instances().empty()) return f;

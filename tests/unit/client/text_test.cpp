@@ -54,6 +54,9 @@ TEST(HudText, SaysWhatWasLoweredAndWhy) {
   settings.target_fps = 20;
   f.vertices = 62;
   f.vertices_total = 100;
+  f.vertices_wanted = 62;
+  EXPECT_EQ(text_from_lowered(LevelControl(settings), f), "") << "it is what was asked for";
+  f.vertices_wanted = 100;
   for (const char* part : {"20/s", "62 %"}) EXPECT_THAT(text_from_lowered(LevelControl(settings), f), HasSubstr(part));
   f.lowered = "lowered";
   EXPECT_THAT(hud_lines(f), ::testing::Contains(f.lowered));
