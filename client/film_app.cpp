@@ -22,7 +22,7 @@ namespace eigencast {
 namespace {
 
 constexpr TimeUs kLatestPoseUs = 1'000'000;  // after the film's time the last pose is no longer on its way
-constexpr TimeUs kPastUs = 10'000'000;      // in which a broker answers
+constexpr TimeUs kPastUs = 10'000'000;       // in which a broker answers
 constexpr double kFullTurn = 6.283185307179586;
 
 /// All clips are opened and all streams kept before the first picture, so that drawing may take as long as it takes.
@@ -119,11 +119,14 @@ class Film {
       return stopped() ? Result<void>(cancelled()) : Result<void>();
     };
     Patience patience(options_);
-    while (!all([](const StreamCapture& each) { return each.has_surface() && !each.is_empty(); })) {
+    const auto has_begun = [](const StreamCapture& each) { return each.has_surface() && !each.is_empty(); };
+    while (!all(has_begun)) {
       if (const auto taken = take(); !taken) return taken;
-      if (patience.is_over(sources, false, steady_now_us()))
-        return fail(ErrorCode::kTimeout,
-                    patience.fate_of(options_.scene.streams[captured_.front()], sources.front()->stats().detail));
+      if (!patience.is_over(sources, false, steady_now_us())) continue;
+      const auto missing = std::find_if_not(captures.begin(), captures.end(), has_begun);
+      const auto at = missing == captures.end() ? 0 : static_cast<std::size_t>(missing - captures.begin());
+      return fail(ErrorCode::kTimeout,
+                  patience.fate_of(options_.scene.streams[captured_[at]], sources[at]->stats().detail));
     }
     if (options_.ago_s > 0) {
       if (const auto gone = go_back(sources, take); !gone) return gone;

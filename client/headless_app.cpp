@@ -129,11 +129,19 @@ class Headless {
     return path.empty() ? Result<void>() : write_file_atomically(path, report);
   }
 
+  /// The first that is not live.
+  std::string missing_stream() const {
+    const auto& sources = session().sources();
+    const auto is_missing = [](const auto* source) { return source->stats().state != Subscriber::State::kLive; };
+    const auto at = std::find_if(sources.begin(), sources.end(), is_missing);
+    const auto index = at == sources.end() ? 0 : static_cast<std::size_t>(at - sources.begin());
+    return index < options_.scene.streams.size() ? options_.scene.streams[index] : "the source";
+  }
+
   int report_no_stream() {
     const Session::Status status = session().status();
     log(log_, LogLevel::kError,
-        patience_.fate_of(options_.scene.streams.empty() ? "the source" : options_.scene.streams.front(),
-                          status.line + (status.banner.empty() ? "" : ": " + status.banner)));
+        patience_.fate_of(missing_stream(), status.line + (status.banner.empty() ? "" : ": " + status.banner)));
     return kExitNoStream;
   }
 

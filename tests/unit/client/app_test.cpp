@@ -194,6 +194,19 @@ TEST_F(Apps, HeadlessWithoutStreamExitsWithFour) {
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitNoStream);
 }
 
+TEST_F(Apps, HeadlessNamesTheStreamThatDoesNotCome) {
+  FakeSource missing(sphere_asset(1));
+  missing.has_asset = false;
+  missing.batches.clear();
+  missing.stats_.state = Subscriber::State::kWaiting;
+  options_.headless = true;
+  options_.frames = 1;
+  options_.wait_s = 0.05;
+  options_.scene.streams = {"ws://a/here", "ws://a/missing"};
+  EXPECT_EQ(run_headless(options_, std::vector<PoseSource*>{&source_, &missing}, stop_, log()), kExitNoStream);
+  EXPECT_NE(said_.find("no pose came from ws://a/missing"), std::string::npos) << said_;
+}
+
 TEST_F(Apps, HeadlessEndsOnceTheSenderIsGone) {
   options_.headless = true;
   options_.frames = 100;
