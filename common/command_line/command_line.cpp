@@ -15,6 +15,8 @@
 namespace eigencast {
 namespace {
 
+constexpr const char* kNegative = " not in range 0 to 1e19";
+
 template <typename Value>
 CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
   if constexpr (std::is_same_v<Value, bool>) {
@@ -25,6 +27,8 @@ CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
       if (const auto* range = std::get_if<OptionEntry::Range>(&entry.allowed))
         option->check(CLI::Range(static_cast<Value>(range->low), static_cast<Value>(range->high)));
     }
+    if constexpr (std::is_unsigned_v<Value>)  // CLI11 takes -1 for the largest of all.
+      option->check([](const std::string& text) { return text.starts_with('-') ? "Value " + text + kNegative : ""; });
     if (const auto* choices = std::get_if<std::vector<std::string>>(&entry.allowed))
       option->check(CLI::IsMember(*choices));
     return entry.shows_default ? option->capture_default_str() : option;

@@ -41,12 +41,14 @@ TEST(Help, LimitsAreWords) {
 TEST(Help, RefusalsAreWords) {
   double part = 1, rate = 30, wait = 1;
   int count = 3;
+  std::uint64_t frames = 0;
   std::string kind = "b", name;
   CommandLine line("mover", "Moves things.", "1");
   const std::vector<OptionEntry> entries{{"--part", &part, "how much", OptionEntry::Range{0, 1}},
                                          {"--rate", &rate, "a second", OptionEntry::Range{0.5, 1e7}},
                                          {"--wait", &wait, "seconds", OptionEntry::Range{0, 1e7}},
                                          {"--count", &count, "how many", OptionEntry::Range{2, 15}},
+                                         {"--frames", &frames, "how many"},
                                          {"--kind", &kind, "which", std::vector<std::string>{"a", "b"}},
                                          {"--name", &name, "whose"}};
   line.add(entries, "Motion");
@@ -61,6 +63,7 @@ TEST(Help, RefusalsAreWords) {
   EXPECT_EQ(refusal({"--part", "half"}), "--part: half is not 0 to 1" + how);
   EXPECT_EQ(refusal({"--rate", "0"}), "--rate: 0 is not at least 0.5" + how);
   EXPECT_EQ(refusal({"--wait", "-1"}), "--wait: -1 is not at least 0" + how);
+  EXPECT_EQ(refusal({"--frames", "-1"}), "--frames: -1 is not at least 0" + how);
   EXPECT_EQ(refusal({"--count", "1"}), "--count: 1 is not 2 to 15" + how);
   EXPECT_EQ(refusal({"--kind", "c"}), "--kind: c is none of a, b" + how);
   EXPECT_EQ(refusal({"--count"}), "--count: a number is missing" + how);
