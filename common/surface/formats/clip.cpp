@@ -93,6 +93,7 @@ Result<std::vector<std::string>> files_of_sequence(const std::string& path) {
     if (text::is_file(recording)) return std::vector<std::string>{recording};
     return files_in_directory(path);
   }
+  if (fs::exists(status) && !fs::is_regular_file(status)) return fail(ErrorCode::kIo, path + ": not a regular file");
   if (!fs::exists(status) && path.find_first_of("*?[") != std::string::npos) return files_of_glob(path);
   return std::vector<std::string>{path};
 }

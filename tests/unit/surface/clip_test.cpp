@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
 
 #include "common/surface/formats/clip.h"
 #include "tests/unit/surface/temp_dir.h"
@@ -116,6 +117,13 @@ TEST(Clip, UnsuitableFilesAreRefused) {
   const std::string small = dir.write("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
   EXPECT_EQ(open_clip(small).error().code, ErrorCode::kInvalidArgument);
   EXPECT_THAT(open_clip(vertices, {small}).error().message, AllOf(HasSubstr(" 4 "), HasSubstr(" 3")));
+}
+
+/// A pipe that nobody writes to would never open.
+TEST(Clip, WhatIsNoRegularFileIsRefused) {
+  const TempDir dir;
+  std::filesystem::create_symlink("/dev/null", dir.file("device.obj"));
+  EXPECT_THAT(open_clip(dir.file("device.obj")).error().message, HasSubstr("not a regular file"));
 }
 
 TEST(Clip, SingleFileIsAClipOfOneFrame) {
