@@ -66,8 +66,10 @@ TEST_F(OutboxTest, WhatWasNotWrittenOpensItsWindow) {
   join_at(1);
   EXPECT_EQ(take(), -1);
   outbox_.acknowledge({1, 1, 0}, now_ += 1'000);
-  join_at(2);
-  const FramePtr unsent = frame(FrameKind::kKey, 2);
+  Envelope head = frame(FrameKind::kKey, 2)->envelope;
+  head.stream_id = 1;
+  const ChainClock newest;
+  const FramePtr unsent = make_frame(head, &newest, {});
   outbox_.offer(1, unsent);
   EXPECT_EQ(take(), 2);
   now_ += 200'000;
