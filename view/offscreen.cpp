@@ -3,10 +3,8 @@
 
 #include <epoxy/egl.h>
 
-#include <algorithm>
 #include <array>
 #include <span>
-#include <vector>
 
 #include "common/core/text.h"
 
@@ -23,23 +21,26 @@ Error no_egl(const char* what) {
 /// The first that works: Mesa's surfaceless platform, which needs no display server; a card (NVIDIA's driver has no
 /// other way); the driver's default. None of them: EGL_NO_DISPLAY.
 EGLDisplay open_display() {
-  std::vector<EGLDisplay> displays;
+  const auto works = [](EGLDisplay display) {
+    return display != EGL_NO_DISPLAY && eglInitialize(display, nullptr, nullptr) == EGL_TRUE;
+  };
   if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_base")) {
-    if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless"))
-      displays.push_back(eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr));
+    if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless")) {
+      const EGLDisplay display = eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
+      if (works(display)) return display;
+    }
     std::array<EGLDeviceEXT, 16> cards{};
     EGLint count = 0;
     if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_device") &&
         epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_device_enumeration"))
       eglQueryDevicesEXT(static_cast<EGLint>(cards.size()), cards.data(), &count);
-    for (const EGLDeviceEXT card : std::span(cards).first(static_cast<std::size_t>(count)))
-      displays.push_back(eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT, card, nullptr));
+    for (const EGLDeviceEXT card : std::span(cards).first(static_cast<std::size_t>(count))) {
+      const EGLDisplay display = eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT, card, nullptr);
+      if (works(display)) return display;
+    }
   }
-  displays.push_back(eglGetDisplay(EGL_DEFAULT_DISPLAY));
-  const auto works = std::find_if(displays.begin(), displays.end(), [](EGLDisplay display) {
-    return display != EGL_NO_DISPLAY && eglInitialize(display, nullptr, nullptr) == EGL_TRUE;
-  });
-  return works != displays.end() ? *works : EGL_NO_DISPLAY;
+  const EGLDisplay display = eglGetDisplay(EGL_DEFAULT_DISPLAY);
+  return works(display) ? display : EGL_NO_DISPLAY;
 }
 
 }  // namespace

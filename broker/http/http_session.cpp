@@ -161,7 +161,7 @@ class HttpSession final : public HttpConnection {
     return {[this, denial] { answer_denial(denial); }};
   }
 
-  /// Over from whoever has this connection's.
+  /// Moves this connection's place to `grant`.
   Result<void> take_place(Grant& grant) {
     return grant.take_place(static_cast<std::int64_t>(context().loops.connections_total()) - 1, grant_.get());
   }

@@ -188,10 +188,9 @@ bool Hub::deliver(double slice_us) {
   for (Stream* stream : dirty_) {
     if (fits) {
       deliver(*stream);
-    } else if (!std::exchange(stream->late_, true)) {
+    } else if (late_streams_.try_emplace(stream->id(), stream).second) {
       const std::string& sender = stream->payer().empty() ? stream->name() : stream->payer();
       late_.push(sender, std::llround(stream->delivery_us()), stream->id());
-      late_streams_[stream->id()] = stream;
     }
   }
   dirty_.clear();
@@ -201,7 +200,6 @@ bool Hub::deliver(double slice_us) {
     if (found == late_streams_.end()) continue;
     Stream& stream = *found->second;
     late_streams_.erase(found);
-    stream.late_ = false;
     us += static_cast<double>(next.cost);
     deliver(stream);
   }
@@ -231,7 +229,7 @@ void Hub::schedule(Stream& stream) {
 
 void Hub::leave_queues(Stream& stream) {
   std::erase(dirty_, &stream);
-  if (stream.late_) late_streams_.erase(stream.id());
+  late_streams_.erase(stream.id());
   unschedule(stream);
 }
 

@@ -162,8 +162,6 @@ class Stream {
   void deliver();
   /// About how long deliver() takes, or pump() where it is due.
   double delivery_us() const;
-  /// Whether it has to wait for its turn.
-  bool is_late() const { return late_; }
 
   /// Replaces what keys may be predicted from; null: nothing. Where the one before is not continued its state in the
   /// chain is void, on the sender's side, too. REQUIRES: of layout().
@@ -334,7 +332,6 @@ class Stream {
   bool has_pending_ = false;                                                        ///< In any group.
   std::optional<TimeUs> wake_us_;  ///< Set by the hub: when it is pumped next.
   std::optional<TimeUs> due_us_;   ///< Set by the hub: until when its frames are to be made.
-  bool late_ = false;              ///< Set by the hub: its delivery waits for its turn.
   std::shared_ptr<void> charge_;   ///< Set by the hub once admitted, with holder_.
   StreamHolder holder_;
   Keys keys_;

@@ -134,6 +134,7 @@ void Turn::flush(SocketWriter& writer) {
 }
 
 void Turn::put_off(SocketWriter& writer) {
+  forget(writer);  // Another's flush may have added it anew.
   if (late_free_.empty()) {
     late_free_.push_back(static_cast<std::uint32_t>(late_writers_.size()));
     late_writers_.push_back(nullptr);
