@@ -161,10 +161,11 @@ void Outbox::drop_unsent(const FramePtr& frame) {
   --lane->counts.sent;
   std::erase_if(lane->in_flight,
                 [&](const InFlight& sent) { return sent.sequence == head.sequence && sent.step == head.step; });
-  open_windows();
+  open_window(*lane);
   FramePtr dropped = frame;
-  const bool is_last =
-      !head.is_key() && !lane->key && (!lane->pose || lane->pose->envelope.capture_us < head.capture_us);
+  // Nothing newer waits, and the lane was not opened anew since.
+  const bool is_last = !head.is_key() && !lane->key && !lane->pose && lane->last.sequence == head.sequence &&
+                       lane->last.step == head.step;
   if (is_last) std::swap(dropped, lane->pose);
   if (is_last || head.is_key()) wait(*lane);
   skip(*lane, dropped);
@@ -181,9 +182,18 @@ void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
     return sent.sequence == item.sequence && sent.step.byte() == item.step;
   });
   if (match == lane->in_flight.rend()) return;
-  open_windows();
+  const auto before_us = round_trip_us();
   note_round_trip(now_us - match->sent_us, now_us);
   lane->in_flight.erase(lane->in_flight.begin(), match.base());
+  round_trip_us() == before_us ? open_window(*lane) : open_windows();
+}
+
+void Outbox::open_window(const Lane& lane) {
+  const auto end = waiting_.begin() + static_cast<std::ptrdiff_t>(closed_);
+  const auto found = std::find(waiting_.begin(), end, lane.stream_id);
+  if (found == end) return;
+  std::rotate(found, found + 1, end);
+  --closed_;
 }
 
 void Outbox::begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now_us) {

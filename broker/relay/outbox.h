@@ -130,6 +130,7 @@ class Outbox {
 
   Lane* find(std::uint32_t stream_id);
   void wait(Lane& lane);
+  void open_window(const Lane& lane);
   void open_windows() { closed_ = 0, reopen_us_ = ReaderWatch::kNever; }
   static bool decodable(const Frame& frame, std::optional<std::uint64_t> newest) {
     return frame.envelope.kind == FrameKind::kJoin || (newest && *newest == frame.builds_on);

@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <map>
+#include <random>
+
 namespace eigencast::broker {
 namespace {
 
@@ -470,6 +474,211 @@ TEST_F(OutboxTest, PongOfOlderPingNeverFollowsNewerOne) {
     if (*item->text != "control") pongs.push_back(*item->text);
   }
   EXPECT_EQ(pongs, (std::vector<std::string>{"1", "2"}));
+}
+
+// Its stream has begun anew, or another profile of it, since the pose was taken.
+TEST_F(OutboxTest, WhatAFormerLaneDidNotSendGoesWithIt) {
+  join_at(7);
+  take();
+  Envelope head = frame(FrameKind::kEstimate, 7, {1, 3})->envelope;
+  head.stream_id = 1;
+  const FramePtr former = make_frame(head, nullptr, {});
+  outbox_.offer(1, former);
+  EXPECT_EQ(take(), 7);
+  outbox_.open_lane(1);
+  outbox_.drop_unsent(former);
+  EXPECT_EQ(take(), -7);
+  EXPECT_EQ(take(), std::nullopt);
+}
+
+TEST_F(OutboxTest, AnAcknowledgementOpensItsLaneOnly) {
+  outbox_.open_lane(2);
+  join_at(1);
+  while (take()) {
+  }
+  outbox_.acknowledge({1, 1, 0}, now_);
+  for (const std::uint32_t id : {1u, 2u}) outbox_.offer(id, frame(FrameKind::kKey, 2));
+  while (take()) {
+  }
+  now_ += 150'000;
+  for (const std::uint32_t id : {1u, 2u}) outbox_.offer(id, frame(FrameKind::kKey, 3));
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.waiting(now_), 0u);
+  outbox_.acknowledge({2, 2, 0}, now_ - 150'000);
+  EXPECT_EQ(outbox_.waiting(now_), 1u);
+  EXPECT_EQ(take(), 3);
+}
+
+/// A receiver behind an outbox, that knows what it must get, against which any order of calls is held.
+class OutboxModel {
+ public:
+  OutboxModel(unsigned seed, bool acknowledges) : random_(seed), acknowledges_(acknowledges) {
+    open(1);
+    offer(1, true);
+    drain();
+    write();
+    if (acknowledges_) outbox_.acknowledge({1, 1, 0}, now_);
+    lanes_[1].in_flight.clear();
+  }
+
+  void step() {
+    now_ += below(4) == 0 ? below(200'000) : below(2'000);
+    const std::uint32_t id = 1 + below(6);
+    const bool is_open = lanes_.contains(id);
+    switch (below(16)) {
+      case 0: return is_open && below(3) > 0 ? close(id) : open(id);
+      case 1: return outbox_.hold_until(now_ + below(100'000));
+      case 2: return is_open ? miss(id) : void();
+      case 3:
+      case 4: return drop();
+      case 5:
+      case 6:
+      case 7: return write();
+      case 8:
+      case 9: return acknowledge(id);
+      case 10:
+      case 11: return drain();
+      default: return is_open ? offer(id, below(3) > 0) : void();
+    }
+  }
+
+  /// All links work again: everybody has the newest key of all that it watches.
+  void end() {
+    outbox_.hold_until(0);
+    for (int i = 0; i < 3; ++i, now_ += 6'000'000) {
+      drain();
+      write();
+    }
+    for (const auto& [id, lane] : lanes_) EXPECT_EQ(lane.has.value_or(0), lane.newest) << id;
+    EXPECT_EQ(outbox_.waiting(now_), 0u);
+  }
+
+ private:
+  struct Lane {
+    std::uint64_t newest = 0;            // Key offered.
+    std::optional<std::uint64_t> sent;   // Key that left the outbox ...
+    std::optional<std::uint64_t> has;    // ... and that was written.
+    std::uint64_t opened = 0;
+    TimeUs last_us = 0;
+    std::vector<std::pair<Envelope, TimeUs>> in_flight;
+  };
+  struct Taken {
+    FramePtr frame;
+    std::uint64_t opened = 0;
+  };
+
+  unsigned below(unsigned end) { return static_cast<unsigned>(random_() % end); }
+  FramePtr made(FrameKind kind, std::uint32_t id, std::uint64_t sequence, InterpolationStep step = {}) const {
+    Envelope head = frame(kind, sequence, step)->envelope;
+    head.stream_id = id;
+    const ChainClock newest;
+    return make_frame(head, &newest, {});
+  }
+  void open(std::uint32_t id) {
+    outbox_.open_lane(id);
+    const std::uint64_t newest = lanes_[id].newest;
+    lanes_[id] = {newest, {}, {}, ++opened_, 0, {}};
+  }
+  void close(std::uint32_t id) {
+    outbox_.close_lane(id);
+    lanes_.erase(id);
+  }
+  void miss(std::uint32_t id) {
+    outbox_.miss(id, 1);
+    lanes_[id].sent.reset();
+  }
+  void offer(std::uint32_t id, bool key) {
+    Lane& lane = lanes_[id];
+    if (!key && lane.newest == 0) return;
+    if (key) ++lane.newest;
+    const auto at = static_cast<std::uint8_t>(1 + below(2));
+    outbox_.offer(id, key ? made(FrameKind::kKey, id, lane.newest)
+                          : made(FrameKind::kEstimate, id, lane.newest, {at, 3}));
+  }
+  bool is_closed(const Lane& lane) const {
+    if (!acknowledges_ || lane.in_flight.empty()) return false;
+    const Outbox::Limits limits;
+    const TimeUs trip = std::min(outbox_.round_trip_us().value_or(0), limits.max_round_trip_us);
+    return now_ - lane.in_flight.front().second > trip + limits.window_slack_us &&
+           now_ - lane.last_us < limits.probe_us;
+  }
+  void drain() {
+    const auto join_of = [this](std::uint32_t id) {
+      const std::uint64_t newest = lanes_[id].newest;
+      return newest == 0 ? nullptr : made(FrameKind::kJoin, id, newest);
+    };
+    while (const auto item = outbox_.take(now_, join_of)) {
+      const Envelope& head = item->frame->envelope;
+      ASSERT_TRUE(lanes_.contains(head.stream_id)) << "of a lane that is closed";
+      Lane& lane = lanes_[head.stream_id];
+      EXPECT_FALSE(outbox_.is_held(now_) || is_closed(lane));
+      if (head.is_key()) lane.sent = head.sequence;
+      lane.last_us = now_;
+      if (acknowledges_) lane.in_flight.emplace_back(head, now_);
+      taken_.push_back({item->frame, lane.opened});
+    }
+    if (outbox_.is_held(now_)) return;
+    for (const auto& [id, lane] : lanes_)
+      EXPECT_TRUE(is_closed(lane) || lane.sent.value_or(0) == lane.newest) << "lane " << id << " was forgotten";
+  }
+  void write() {
+    for (const auto& [frame, opened] : std::exchange(taken_, {})) {
+      const Envelope& head = frame->envelope;
+      const auto lane = lanes_.find(head.stream_id);
+      if (lane == lanes_.end() || lane->second.opened != opened) continue;
+      std::optional<std::uint64_t>& has = lane->second.has;
+      EXPECT_TRUE(head.kind == FrameKind::kJoin || has == frame->builds_on) << "it cannot be decoded";
+      if (!head.is_key()) continue;
+      EXPECT_GE(head.sequence, has.value_or(0)) << "nothing stale after newer";
+      has = head.sequence;
+    }
+  }
+  /// The link blocks: the end of what was taken is not written.
+  void drop() {
+    const std::size_t kept = taken_.empty() ? 0 : below(static_cast<unsigned>(taken_.size() + 1));
+    const std::vector<Taken> dropped(taken_.begin() + static_cast<std::ptrdiff_t>(kept), taken_.end());
+    taken_.resize(kept);
+    for (const auto& [frame, opened] : dropped) {
+      outbox_.drop_unsent(frame);
+      const Envelope& head = frame->envelope;
+      const auto found = lanes_.find(head.stream_id);
+      if (found == lanes_.end()) continue;
+      Lane& lane = found->second;
+      if (head.is_key()) lane.sent.reset();
+      std::erase_if(lane.in_flight, [&](const auto& sent) {
+        return sent.first.sequence == head.sequence && sent.first.step == head.step;
+      });
+    }
+    write();
+  }
+  void acknowledge(std::uint32_t id) {
+    if (!acknowledges_ || !lanes_.contains(id)) return;
+    auto& in_flight = lanes_[id].in_flight;
+    if (in_flight.empty()) return outbox_.acknowledge({id, below(100), 0}, now_);
+    const Envelope of = in_flight[below(static_cast<unsigned>(in_flight.size()))].first;
+    const auto match = std::find_if(in_flight.rbegin(), in_flight.rend(), [&](const auto& sent) {
+      return sent.first.sequence == of.sequence && sent.first.step == of.step;
+    });
+    outbox_.acknowledge({id, of.sequence, of.step.byte()}, now_);
+    in_flight.erase(in_flight.begin(), match.base());
+  }
+
+  std::mt19937 random_;
+  bool acknowledges_;
+  Outbox outbox_;
+  std::map<std::uint32_t, Lane> lanes_;
+  std::vector<Taken> taken_;
+  std::uint64_t opened_ = 0;
+  TimeUs now_ = 1'000'000;
+};
+
+TEST(OutboxOrders, WhateverHappensEachFrameCanBeDecodedAndTheNewestComes) {
+  for (unsigned seed = 0; seed < 200 && !::testing::Test::HasFailure(); ++seed) {
+    SCOPED_TRACE(seed);
+    OutboxModel model(seed, seed % 2 == 0);
+    for (int i = 0; i < 500; ++i) model.step();
+    model.end();
+  }
 }
 
 }  // namespace
