@@ -36,12 +36,23 @@ FLAGS = {"proxy-trusted": "127.0.0.0/8", "access-anonymous": "anywhere", "access
 SMALL = {"rows": 64, "channels": 8, "band_ends": [64], "codec": "quantised"}
 TINY = {**SMALL, "rows": 1, "channels": 1, "band_ends": [1]}
 LARGE = {**SMALL, "rows": 4096, "band_ends": [4096]}  # 32,768 coefficients, the most of a stream.
+EIGHT = {**LARGE, "band_ends": [1, 2, 3, 4, 5, 6, 7, 4096]}  # All but 56 of them in the last of eight bands.
+PROFILES = [f"rate=raw&bands={bands}" for bands in range(1, 9)] + [f"rate=estimated&k={k}&bands={bands}" for k in range(2, 12) for bands in range(1, 9)]
 RECALLED = 4 << 3  # In a frame's first byte.
 
 
 def zeros(layout):
     """A join of a pose of zeros, and a key that changes nothing."""
     return bytes([2, 160, 160, 1, 2, 0x9F, 0x9F]), bytes([3, 1, 0xBF])
+
+
+def ordinary_join(layout):
+    """Of numbers up to 64, each in a byte, and a pose of others before it."""
+    ends, bands = [0, *layout["band_ends"]], b""
+    for begin, end in zip(ends, ends[1:]):
+        run = b"".join(bytes([first]) + random.randbytes((end - begin) * layout["channels"]).translate(bytes(i & 0x7F for i in range(256))) for first in (0x87, 0xA7))
+        bands += payloads.varint(len(run)) + run
+    return bytes([2, 160, 160, 255]) + bands
 
 
 def noise(phase_step):
@@ -106,9 +117,9 @@ class Sender:
         order(self.peer, "announce", asset=ASSET_ID, key_rate_hz=50, format=self.layout)
         self.tag = hear(self.peer, "announced")["tag"]
 
-    def frame(self, kind, payload, phase=None, recalled=False):
+    def frame(self, kind, payload, phase=None, recalled=False, bands=1):
         self.sequence += 1
-        head = self.chain.write(kind, 1, self.sequence, self.sequence * 10_000, self.tag)
+        head = self.chain.write(kind, bands, self.sequence, self.sequence * 10_000, self.tag)
         if phase is not None:
             payload = payload[:4] + payloads.varint(phase) + payload[4:]
         return frame(BINARY, bytes([head[0] | (RECALLED if recalled or phase is not None else 0)]) + head[1:] + payload)
@@ -187,21 +198,21 @@ def read_all(peers):
     """Reads and drops what comes to viewers."""
     def run():
         import selectors
-        selector = selectors.DefaultSelector()
+        selector, ignored = selectors.DefaultSelector(), bytearray(1 << 20)
         for peer in peers:
             selector.register(peer.sock, selectors.EVENT_READ)
         while selector.get_map():
             for key, _ in selector.select(1):
                 with contextlib.suppress(OSError):
-                    if key.fileobj.recv(1 << 16):
+                    if key.fileobj.recv_into(ignored, 0, socket.MSG_TRUNC):
                         continue
                 selector.unregister(key.fileobj)
     threading.Thread(target=run, daemon=True).start()
     return peers
 
 
-def crowd(port, stream, count):
-    return read_all([connect(port, f"/v1/subscribe/{stream}?rate=raw", f"203.0.113.{i % 8}") for i in range(count)])
+def crowd(port, stream, count, addresses=8, profiles=("rate=raw",), **how):
+    return read_all([connect(port, f"/v1/subscribe/{stream}?{profiles[i % len(profiles)]}", f"203.0.113.{i % addresses}", **how) for i in range(count)])
 
 
 # Attacks on time: run until `go` is cleared, and return what they did in words.
@@ -234,6 +245,52 @@ def announce_flood(port, ready, go, viewers=300):
         sender.join()
         count += 1
     return f"{count} times, {len(watching)} viewers"
+
+
+def anew_in_profiles(port, ready, go, viewers=1900):
+    """A stream that says much of itself begins anew for viewers of more profiles than its budget. (B3 of the fifteenth audit)"""
+    scalars = [{"name": f"{i:064}", "unit": "u" * 16, "low": -1.2345678901234567e-5, "high": 1.2345678901234567e29, "scale": 1.2345678901234567e-5} for i in range(13)]
+    layout = {**EIGHT, "rows": 64, "channels": 16, "band_ends": [1, 2, 3, 4, 5, 6, 7, 64], "scalars": scalars}
+    sender, count = Sender(port, "attack/anew", layout, "203.0.113.0"), 0
+    watching = crowd(port, "attack/anew", viewers, 1, PROFILES, receive_buffer=1 << 20)
+    ready()
+    while go():
+        sender.announce()
+        count += 1
+    return f"{count} times, {len(watching)} viewers of {len(PROFILES)} profiles"
+
+
+def joins_in_profiles(port, ready, go):
+    """The memory of a large stream comes and goes for viewers of ever other profiles: a join for each. (B1 of the fifteenth audit)"""
+    poses = [bytes([2, 160, 160, 255]) + bytes([2, 0x9F, 0x9F]) * 8, bytes([3]) + bytes([1, 0xBF]) * 8]
+    body = b"ECPM\1" + bytes.fromhex(ASSET_ID) + bytes([EIGHT["channels"], 8]) + b"".join(map(payloads.varint, EIGHT["band_ends"]))
+    body += payloads.varint(2) + b"".join(payloads.varint(len(pose)) + pose for pose in poses)
+    put(port, body)
+    sender, join, count = Sender(port, "attack/joins", EIGHT, "203.0.113.0"), ordinary_join(EIGHT), 0
+    sender.peer.send(sender.frame(payloads.JOIN, join, bands=255))
+    watching = crowd(port, "attack/joins", len(PROFILES), 1, PROFILES)
+    ready()
+    while go():
+        sender.remember(hashlib.sha256(body).hexdigest())
+        sender.peer.send(sender.frame(payloads.JOIN, join, phase=0, bands=255))
+        sender.remember()
+        count += 1
+    return f"{count} times {len(watching)} profiles, of joins of {len(join)} bytes"
+
+
+def large_keys(port, ready, go, viewers=1500, hz=5):
+    """Keys of the most bytes for a crowd of one address that reads them all. (B2 of the fifteenth audit)"""
+    sender, count = Sender(port, "attack/large", {**LARGE, "codec": "float64"}, "203.0.113.0"), 0
+    pose = bytes(8 * 32768)
+    values = payloads.varint(len(pose)) + pose
+    sender.peer.send(sender.frame(payloads.JOIN, bytes(4) + values))
+    watching = crowd(port, "attack/large", viewers, 1, receive_buffer=2 << 20)
+    ready()
+    while go():
+        sender.peer.send(sender.frame(payloads.KEY, bytes(2) + values))
+        count += 1
+        time.sleep(1 / hz)
+    return f"{count} keys of {len(pose)} bytes, {len(watching)} viewers"
 
 
 def trace_flood(port, ready, go, viewers=300):
@@ -633,7 +690,7 @@ def ask_upgrade(port, forwarded):
     return peer.status
 
 
-TIMED = [remember_flood, announce_flood, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
+TIMED = [remember_flood, announce_flood, anew_in_profiles, joins_in_profiles, large_keys, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
          full_rooms, moments, many_watched, keys_at_once, keys_for_crowds, joins_at_once, unread_keys, new_names]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 

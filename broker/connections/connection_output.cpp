@@ -18,7 +18,7 @@ constexpr std::size_t kMaxWriteBytes = 128 * 1024;
 constexpr std::size_t kAtOnce = 2;
 constexpr int kMaxRecords = 4;  // Of TLS, in one slice.
 // About what a write takes on the machine of docs/performance.md, besides each message of it, and a record of TLS.
-constexpr double kWriteUs = 3, kPieceUs = 1, kWrittenBytesPerUs = 10'000, kRecordUs = 3;
+constexpr double kWriteUs = 3, kPieceUs = 1, kWrittenBytesPerUs = 6'000, kRecordUs = 3;
 constexpr double kQueuedUs = 0.2;  // A frame for a connection, whether it leaves or not.
 constexpr double kCheckUs = 2.5;   // Of the peer's window.
 
@@ -39,7 +39,7 @@ void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> fram
   const bool now = frames.size() == 1 && !blocked_ && !closing_ && write_queue_.empty() && !transport_.is_tls() &&
                    turn.writes_at_once() && !turn.is_sending(*this);
   if (!now || !outbox_.send_directly(stream_id, frame, turn.now_us())) return deliver_queued(stream_id, frames);
-  turn.note_written_at_once();
+  turn.note_written_at_once(kWriteUs + kPieceUs + static_cast<double>(frame.wire.size()) / kWrittenBytesPerUs);
   note_write(frame);
   count_sent(1, std::ssize(frame.wire));
   if (watch_.note_sent()) window_check_due_ = true;
@@ -80,7 +80,9 @@ void Connection::schedule_write() {
   if (blocked_ || close_queued_ || Turn::is_late(*this)) return;
   guarded([this] {
     const bool urgent = closing_ || outbox_.control_messages() > 0;
-    const std::uint64_t poses = closing_ || outbox_.waiting(context_.turn.now_us()) <= kAtOnce ? fill_write_queue() : 1;
+    // Joins are coded in the slice of the write: those of many connections would be in one.
+    const bool at_once = outbox_.waiting(context_.turn.now_us()) <= kAtOnce && !outbox_.needs_join();
+    const std::uint64_t poses = closing_ || at_once ? fill_write_queue() : 1;
     if (pieces_due() == 0) return;
     const bool full = queued_bytes_ >= kMaxWriteBytes || pieces_due() >= kMaxPieces;
     const bool may_wait = outbox_.lanes() > 1 && context_.turn.gathers(poses) && !urgent && !full;
@@ -124,7 +126,8 @@ std::size_t Connection::unread_answers() const {
 double Connection::write_us() const {
   const double check_us = window_check_due_ ? kCheckUs : 0;
   if (blocked_ || pieces_due() == 0) return check_us;
-  return check_us + kWriteUs + kPieceUs * static_cast<double>(pieces_due()) + (transport_.is_tls() ? kRecordUs : 0);
+  return check_us + kWriteUs + kPieceUs * static_cast<double>(pieces_due()) +
+         static_cast<double>(queued_bytes_) / kWrittenBytesPerUs + (transport_.is_tls() ? kRecordUs : 0);
 }
 
 void Connection::pay_for_output() {

@@ -19,7 +19,6 @@ namespace {
 /// A sender asks whether its surface is here before it announces it.
 constexpr TimeUs kContestUs = 3'000'000;
 constexpr TimeUs kProgressUs = 900'000;
-constexpr double kBeginAnewUs = 10;  ///< A viewer: it is told, and its chain begins anew.
 
 constexpr double kSegmentUs = 20;  ///< Of a memory: what its entries here take.
 
@@ -146,8 +145,7 @@ void Publisher::on_announce(control::Announce announce) {
 }
 
 void Publisher::prepare(control::Announce announce) {
-  // Each viewer is told.
-  charge(kBeginAnewUs * stream_->watchers());
+  charge(stream_->telling_us());
   stream_->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{announce.asset, 1}));
   context().hub.mark_dirty(*stream_);
   log(context().log, LogLevel::kInfo, name() + ": viewers fetch asset " + announce.asset.substr(0, 12));
@@ -187,7 +185,7 @@ void Publisher::on_progress(const control::Progress& progress) {
   const TimeUs now = context().turn.now_us();
   if (stream_ == nullptr || !is_announced() || preparing_ || now - progress_us_ < kProgressUs) return;
   progress_us_ = now;
-  charge(kBeginAnewUs * stream_->watchers());
+  charge(stream_->telling_us());
   stream_->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{{}, progress.fraction}));
   context().hub.mark_dirty(*stream_);
 }
@@ -201,7 +199,7 @@ void Publisher::begin(const control::Announce& announce, const std::string& secr
     return refuse(epoch.error(), name_, websocket::CloseCode::kPolicy);
   }
   if (auto begun = stream_->announce(announce, *epoch, proof); !begun) return send_error(begun.error(), name_);
-  charge(kBeginAnewUs * stream_->watchers());
+  charge(stream_->telling_us());
   log(context().log, LogLevel::kInfo,
       name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
@@ -231,8 +229,7 @@ void Publisher::on_remember(const control::Remember& memory) {
   const std::size_t count = held ? held->segments.size() : 0;
   if (memory.kept > count || memory.kept + memory.segments.size() > limits::kMaxMemorySegments)
     return refuse_memory(ErrorCode::kInvalidArgument, "it keeps segments that are not here, or has too many");
-  // Each viewer is told, and maybe begins anew.
-  charge(kBeginAnewUs * stream_->watchers());
+  charge(stream_->telling_us());
   if (memory.kept < count) {
     stream_->set_memory(nullptr);
     context().hub.mark_dirty(*stream_);
@@ -296,6 +293,7 @@ void Publisher::on_binary(ByteView message) {
     counters.recalled_bytes += message.size();
   }
   if (const double work_us = stream_->take_unpaid_us(); work_us > 0) charge(work_us);
+  note_work(stream_->take_profiles_us());
   context().hub.mark_dirty(*stream_);
 }
 

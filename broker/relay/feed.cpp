@@ -13,9 +13,10 @@ namespace {
 // The pacer never holds more than three key intervals, so a key that waits longer has been overtaken.
 constexpr std::size_t kMaxPendingKeys = 5;
 
-// What the codec takes on one core of 2026, rounded up (bench/codec_rate.cpp): 28 us for a key of 180 bytes, 190 us for
-// a join of 32,768 coefficients that change by nothing.
+// What the codec takes on one core of 2026, rounded up: 28 us for a key of 180 bytes; for a join of 32,768 coefficients
+// that change by nothing 190 us, by much in few places (28 kB) 1,060, by something everywhere (110 kB) 790.
 constexpr double kEncodedPerUs = 170, kEncodedBytesPerUs = 5;
+constexpr double kLongUs = 30, kLongBytesPerUs = 32;  ///< Of long payloads.
 
 Bytes frame_without_id(const KeyRecord& record, bool join, bool recalled, BandMask bands, ByteView payload, Bytes out) {
   const ChainClock before = record.clock_before();
@@ -66,8 +67,9 @@ std::int64_t encoded_bytes(const CoefficientLayout& layout, const Profile& profi
 }
 
 double encoding_us(const CoefficientLayout& layout, std::size_t bytes) {
-  const double bytes_us = layout.is_float() ? 0 : static_cast<double>(bytes) / kEncodedBytesPerUs;
-  return static_cast<double>(layout.size()) / kEncodedPerUs + bytes_us;
+  const auto size = static_cast<double>(bytes);
+  const double bytes_us = std::min(size / kEncodedBytesPerUs, kLongUs + size / kLongBytesPerUs);
+  return static_cast<double>(layout.size()) / kEncodedPerUs + (layout.is_float() ? 0 : bytes_us);
 }
 
 ChainClock KeyRecord::clock_before() const {
@@ -273,7 +275,7 @@ Result<Key> Feed::pose_on_curve(const KeyRecord& record, const KeyRecord* next, 
   return blend_keys(source_.layout, keys, weights, 1);
 }
 
-FramePtr Feed::join() {
+FramePtr Feed::join(double* work_us) {
   if (!last_emitted_) return nullptr;
   const ChainState& state = *last_emitted_->after;
   Envelope head = envelope(FrameKind::kJoin, *last_emitted_);
@@ -284,6 +286,8 @@ FramePtr Feed::join() {
   const BandMask bands = state.newer.bands;
   if (join_payload_.empty()) {
     auto payload = encode_join(source_.layout, state);
+    // All bands are coded, however few of them stay.
+    if (work_us != nullptr) *work_us += encoding_us(source_.layout, payload ? payload->size() : 0);
     if (payload && !mask_.includes(bands))
       payload = cut_bands(source_.layout, true, bands, mask_, *payload, state.phase.has_value());
     if (!payload) {

@@ -98,9 +98,8 @@ class Feed {
 
   std::optional<TimeUs> next_due_us() const;
 
-  /// The current join frame, encoded once. Null before the first key.
-  FramePtr join();
-  bool has_join() const { return !join_payload_.empty(); }
+  /// The current join frame, encoded once: `work_us` grows by about what that took. Null before the first key.
+  FramePtr join(double* work_us = nullptr);
 
   const Profile& profile() const { return profile_; }
   /// Poses since the last call that were not encoded: beyond the codec's range, or not paid for.

@@ -122,7 +122,7 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
 
 FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   drop_overtaken(lane);
-  FramePtr& first = lane.key && !(lane.pose && lane.pose_first) ? lane.key : lane.pose;
+  FramePtr& first = first_of(lane);
   if (first && decodable(*first, lane.newest)) return std::exchange(first, nullptr);
   if (!first && !lane.wants_join) return nullptr;
   lane.wants_join = false;
@@ -143,6 +143,14 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   return join;
 }
 
+bool Outbox::needs_join() {
+  return std::any_of(waiting_.begin() + static_cast<std::ptrdiff_t>(closed_), waiting_.end(), [&](std::uint32_t id) {
+    Lane& lane = *find(id);
+    const Frame* first = first_of(lane).get();
+    return first != nullptr ? !decodable(*first, lane.newest) : lane.wants_join;
+  });
+}
+
 void Outbox::drop_overtaken(Lane& lane) {
   if (lane.key && is_overtaken(lane, *lane.key)) lane.key = nullptr;
   if (lane.pose && is_overtaken(lane, *lane.pose)) skip(lane, lane.pose);
@@ -151,7 +159,10 @@ void Outbox::drop_overtaken(Lane& lane) {
 void Outbox::note_in_flight(Lane& lane) {
   lane.in_flight.push_back(lane.last);
   if (lane.in_flight.size() <= limits_.max_in_flight) return;
-  lane.in_flight.erase(lane.in_flight.begin(), lane.in_flight.begin() + std::ssize(lane.in_flight) / 2);
+  // The oldest, which says when the window closes, stays.
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < lane.in_flight.size(); i += 2) lane.in_flight[kept++] = lane.in_flight[i];
+  lane.in_flight.resize(kept);
 }
 
 void Outbox::drop_unsent(const FramePtr& frame) {
@@ -185,6 +196,7 @@ void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
   const auto before_us = round_trip_us();
   note_round_trip(now_us - match->sent_us, now_us);
   lane->in_flight.erase(lane->in_flight.begin(), match.base());
+  if (lane->in_flight.size() * 8 < lane->in_flight.capacity()) lane->in_flight.shrink_to_fit();
   round_trip_us() == before_us ? open_window(*lane) : open_windows();
 }
 

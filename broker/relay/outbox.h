@@ -35,7 +35,7 @@ class Outbox {
     TimeUs window_slack_us = 100'000;             ///< In flight beyond the round trip (default: 100 ms).
     TimeUs max_round_trip_us = 2'000'000;         ///< A longer one counts as this (default: 2 s).
     TimeUs probe_us = 5'000'000;                  ///< A closed window passes one frame per period (default: 5 s).
-    std::size_t max_in_flight = 512;  ///< Unacknowledged frames remembered per lane; older ones are dropped.
+    std::size_t max_in_flight = 64;             ///< Unacknowledged frames remembered per lane: beyond, every other.
   };
 
   static constexpr std::size_t kTextBytes = 64;  ///< What a Text takes besides its characters.
@@ -99,6 +99,8 @@ class Outbox {
   std::size_t lanes() const { return lanes_.size(); }
   /// Lanes that may have something to send, unless frames wait.
   std::size_t waiting(TimeUs now_us) const { return frames_wait(now_us) ? 0 : waiting_.size() - closed_; }
+  /// Whether take() may have to make a join for any of them.
+  bool needs_join();
   bool acknowledges() const { return acknowledges_; }
   /// The least recent time from sending a frame to its acknowledgement; nothing before the first.
   std::optional<TimeUs> round_trip_us() const;
@@ -129,6 +131,8 @@ class Outbox {
   };
 
   Lane* find(std::uint32_t stream_id);
+  /// The slot that leaves next; null: none waits.
+  static FramePtr& first_of(Lane& lane) { return lane.key && !(lane.pose && lane.pose_first) ? lane.key : lane.pose; }
   void wait(Lane& lane);
   void open_window(const Lane& lane);
   void open_windows() { closed_ = 0, reopen_us_ = ReaderWatch::kNever; }

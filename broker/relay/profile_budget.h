@@ -11,6 +11,7 @@ namespace eigencast::broker {
 /// Whether a stream serves the profile beyond its budget too: raw, or k = 3 with the default scheme of its rate. They
 /// are few, so that no viewer's unusual wishes cost others these.
 bool is_common(const Profile& profile);
+constexpr std::size_t kCommonProfiles = 3 * 8;  ///< Of three rates and up to eight bands.
 
 /// What the budget of a stream is charged: 1, and 1 for each pose that is encoded per key. REQUIRES: not raw.
 std::size_t cost_of(const Profile& profile);

@@ -5,6 +5,7 @@
 #include <cassert>
 #include <utility>
 
+#include "broker/relay/profile_budget.h"
 #include "broker/websocket/protocol.h"
 #include "common/wire/limits.h"
 
@@ -20,6 +21,7 @@ constexpr double kOfferedUs = 0.25;      ///< A frame and a viewer, with what br
 constexpr double kTraceUs = 2;           ///< A viewer that is told one.
 constexpr std::int64_t kMaxTraced = 64;  ///< Viewers of a stream that are told any, as its sender pays.
 constexpr double kBeginAnewUs = 10;      ///< A viewer: it is told, and its chain begins anew.
+constexpr double kInfoUs = 40;           ///< A profile: the text of what its viewers are told.
 constexpr double kChangeChainUs = 5;     ///< A viewer that gains or lacks what keys need.
 
 }  // namespace
@@ -157,7 +159,7 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
     resume_ = coming_->resume;
     const Snapshot begins = std::move(coming_->snapshot);
     if (auto begun = restore(begins); !begun) return begun;
-    unpaid_us_ += kBeginAnewUs * watchers();
+    unpaid_us_ += telling_us();
   }
   if (frame->envelope.tag != present_.tag)
     return fail(ErrorCode::kCorrupt, "tag " + std::to_string(frame->envelope.tag) + " is not that of 'announced', " +
@@ -399,11 +401,11 @@ void Stream::send_traces(Group& group) {
 FramePtr Stream::join_for(const Watcher& watcher, double* work_us) {
   const auto found = watched_.find(&watcher);
   if (found == watched_.end() || found->second.group == nullptr) return nullptr;
-  Feed& feed = found->second.group->feed;
-  const bool encodes = !feed.has_join();
-  FramePtr join = feed.join();
-  if (encodes && join && work_us != nullptr) *work_us += encoding_us(layout_, join->wire.size());
-  return join;
+  return found->second.group->feed.join(work_us);
+}
+
+double Stream::telling_us() const {
+  return kBeginAnewUs * watchers() + kInfoUs * static_cast<double>(groups_.size());
 }
 
 double Stream::decoding_us(std::uint64_t bytes, bool last) const {
@@ -431,8 +433,8 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
 }
 
 std::shared_ptr<const std::string> Stream::info_text(const Watcher& watcher) const {
-  constexpr std::size_t kMaxTexts = 64;
-  if (info_texts_.size() > kMaxTexts) info_texts_.clear();
+  // Those of all profiles that are served, so that each is made once. Of a stream that waits it may be any.
+  if (info_texts_.size() > settings_.max_profiles + kCommonProfiles) info_texts_.clear();
   auto& text = info_texts_[profile_of(watcher)];
   if (!text) text = websocket::framed(websocket::Opcode::kText, text_from_control(info_for(watcher)));
   return text;

@@ -174,6 +174,10 @@ class Stream {
   /// What its sender made it do besides decoding, since the last call: keys for each viewer, traces, changes of chains,
   /// keys coded anew.
   double take_unpaid_us() { return std::exchange(unpaid_us_, 0); }
+  /// What its keys took in profiles since the last call, which viewers pay for.
+  double take_profiles_us() { return std::exchange(profiles_us_, 0); }
+  /// About how long it takes to tell each viewer something of the stream, so that it maybe begins anew.
+  double telling_us() const;
 
   // For mirrors of a stream of another loop.
 
@@ -326,6 +330,7 @@ class Stream {
   std::map<GroupKey, std::unique_ptr<Group>> groups_;
   mutable KeyRecordPtr plain_;  ///< See plain(); null: it begins anew.
   mutable double unpaid_us_ = 0;
+  mutable double profiles_us_ = 0;
   std::vector<Watcher*> order_;                                               ///< All watchers, in order of arrival.
   mutable std::map<Profile, std::shared_ptr<const std::string>> info_texts_;  ///< Of present_.
   mutable std::map<std::size_t, std::shared_ptr<const std::string>> memory_texts_;  ///< Likewise, by `kept`.

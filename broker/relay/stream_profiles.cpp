@@ -163,6 +163,7 @@ void Stream::Group::add_key(const Stream& stream, TimeUs now_us) {
   const KeyRecordPtr& record = stream.present_.newest;
   const double work_us = kProfileKeyUs + static_cast<double>(record->payload.size()) / kProfileKeyBytesPerUs;
   retry_us.reset();
+  stream.profiles_us_ += work_us;
   if ((feed.profile().rate == Profile::Rate::kRaw && !plain) ||
       find_payer([&](Watcher& watcher) { return watcher.take_key(work_us); })) {
     // A few bytes of a key may name any of its sender's poses, so that the plain one is long.

@@ -79,11 +79,11 @@ void Turn::end_turn() {
   } catch (...) {  // The next turn retries, so there must be one.
     end_armed_ = false;
     now_us_ = 0;
-    at_once_ = 0;
+    at_once_us_ = 0;
     throw;
   }
   now_us_ = 0;
-  at_once_ = late_.empty() ? 0 : kMaxBatch;
+  at_once_us_ = late_.empty() ? 0 : kAtOnceUs;
 }
 
 void Turn::arm_tick() {
@@ -117,11 +117,12 @@ void Turn::flush_all(std::vector<SocketWriter*>& list) {
   flush_slice();
 }
 
-/// Returns how long it took, in microseconds: it may make what it writes.
+/// Returns how long it took, in microseconds, as it may make what it writes, or will take in the batch.
 double Turn::flush_for(SocketWriter& writer) {
   const TimeUs from_us = steady_now_us();
   flush(writer);
-  return static_cast<double>(steady_now_us() - from_us);
+  const auto us = static_cast<double>(steady_now_us() - from_us);
+  return is_sending(writer) ? std::max(us, writer.write_us()) : us;
 }
 
 void Turn::flush(SocketWriter& writer) {

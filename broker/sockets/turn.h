@@ -58,7 +58,7 @@ class SocketWriter {
   virtual void sent(const Transport::Outcome& outcome) = 0;
   /// The same for all who share their turns with it.
   virtual const void* purse() const = 0;
-  /// About how long flush() takes.
+  /// About how long flush() takes, or of writes in a batch the batch.
   virtual double write_us() const = 0;
 
  private:
@@ -70,6 +70,7 @@ class SocketWriter {
 };
 
 constexpr unsigned kMaxBatch = 1024;  ///< Writes that go to the kernel at a time.
+constexpr double kAtOnceUs = 4 * kMaxBatch;  ///< Of a turn's writes before its end: a batch of short ones.
 
 /// Hands many writes to the kernel in one call. A batch holds at most kMaxBatch, one of each writer.
 struct Uring;
@@ -109,9 +110,10 @@ class Turn {
   TimeUs now_us() { return now_us_ != 0 ? now_us_ : begin_turn(); }
   void arm() { (void)now_us(); }  ///< So that one ends.
 
-  /// Whether one may write before the turn ends: most do, but for what is beyond a batch, or behind what is late.
-  bool writes_at_once() const { return at_once_ < kMaxBatch; }
-  void note_written_at_once() { ++at_once_; }
+  /// Whether one may write before the turn ends: most do, but for what takes longer, or is behind what is late.
+  bool writes_at_once() const { return at_once_us_ < kAtOnceUs; }
+  /// Of a write that takes about so long.
+  void note_written_at_once(double us) { at_once_us_ += us; }
 
   /// Whether writes join a batch, which is written when the turn ends or is full.
   bool batches() const { return ring_ != nullptr; }
@@ -164,7 +166,7 @@ class Turn {
   const void* held_last_ = nullptr;                ///< The last of held_.
   std::uint64_t batch_ = 1;
   unsigned batched_ = 0;  ///< Writes in the batch.
-  unsigned at_once_ = 0;  ///< Writes of this turn before its end.
+  double at_once_us_ = 0;  ///< Of this turn's writes before its end.
   std::vector<SocketWriter*> now_;
   std::vector<SocketWriter*> tick_;
   std::vector<SocketWriter*> flushing_;  ///< Scratch.

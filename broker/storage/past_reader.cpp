@@ -242,7 +242,10 @@ void PastReader::add_newest(Passage& passage) {
   const TimeUs at_us = *std::exchange(newest_us_, std::nullopt);
   KeyRecord key = *decoder_->plain();
   const double pace = speed_ > 0 ? 1 / speed_ : 1;
-  const auto slowed = [&](TimeUs us) { return static_cast<TimeUs>(std::llround(static_cast<double>(us) * pace)); };
+  const auto slowed = [&](TimeUs us) {
+    constexpr double kMax = 1LL << 56;  // As bounded_time(), before it is a whole number.
+    return static_cast<TimeUs>(std::llround(std::clamp(static_cast<double>(us) * pace, -kMax, kMax)));
+  };
   ChainState after = *key.after;
   if (std::exchange(anew_, false)) {
     first_capture_us_ = key.capture_us;

@@ -274,6 +274,38 @@ TEST_F(OutboxTest, WhoAcknowledgesLateGetsNoLongWindow) {
   EXPECT_NEAR(sent, 210, 2) << "2 s and the slack";
 }
 
+// It comes back at once, with joins and keys for very many; what is remembered of the way there stays small.
+TEST_F(OutboxTest, AWindowOfVeryManyFramesClosesAsLate) {
+  join_at(1);
+  take();
+  outbox_.acknowledge({1, 1, 0}, now_ += 900'000);
+  std::uint64_t s = 2;
+  for (; now_ < 1'900'000; ++s, now_ += 1'000) {
+    offer_key(s);
+    EXPECT_EQ(take(), static_cast<int>(s));
+  }
+  offer_key(s);
+  now_ += 1'000;
+  EXPECT_EQ(take(), std::nullopt) << "1 s after the oldest";
+  // One of every few is known, and opens it.
+  for (std::uint64_t of = s - 512; of < s; ++of) outbox_.acknowledge({1, of, 0}, now_);
+  EXPECT_TRUE(take());
+}
+
+TEST_F(OutboxTest, TellsWhetherAJoinIsNeeded) {
+  EXPECT_TRUE(outbox_.needs_join());
+  join_at(1);
+  take();
+  EXPECT_FALSE(outbox_.needs_join());
+  offer_key(2);
+  EXPECT_FALSE(outbox_.needs_join());
+  offer_key(3);
+  EXPECT_TRUE(outbox_.needs_join()) << "key 2 was skipped";
+  take();
+  outbox_.miss(1, 1);
+  EXPECT_TRUE(outbox_.needs_join());
+}
+
 TEST_F(OutboxTest, ClosedWindowStillProbes) {
   join_at(1);
   take();

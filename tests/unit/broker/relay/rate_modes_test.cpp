@@ -156,20 +156,40 @@ TEST_F(FeedTest, KeyShowsTheFirstPoseThatIsNotOvertaken) {
   EXPECT_EQ(take(), Made{});
 }
 
+// All bands are coded before those are cut that a profile does not have.
+TEST_F(FeedTest, AJoinOfFewBandsCostsWhatAllTake) {
+  key_comes(0);
+  Profile lowest = interpolated(Scheme::kLinear);
+  lowest.bands = 1;
+  Feed few(lowest, Feed::Source{small_layout(), {}, 7, 1}, [](double) { return true; });
+  std::vector<FramePtr> out;
+  KeyRecord first{.bands = 3, .join = true, .before = {}, .after = newest_, .payload = {}};
+  first.payload = encode_join(small_layout(), *newest_).value();
+  few.add_key(std::make_shared<KeyRecord>(std::move(first)), kStart, out);
+  few.pump(kStart + 10 * kInterval, out);
+  feed_.pump(kStart + 10 * kInterval, out_);
+  double whole_us = 0, cut_us = 0;
+  const FramePtr whole = feed_.join(&whole_us), cut = few.join(&cut_us);
+  ASSERT_TRUE(whole && cut);
+  EXPECT_LT(cut->wire.size(), whole->wire.size());
+  EXPECT_EQ(cut_us, whole_us);
+}
+
 TEST_F(FeedTest, JoinIsEncodedOnceForAllItsSteps) {
   key_comes(0);
   key_comes(1);
-  const FramePtr first = feed_.join();
-  EXPECT_EQ(feed_.join(), first);
-  EXPECT_TRUE(feed_.has_join());
+  double work_us = 0;
+  const FramePtr first = feed_.join(&work_us);
+  EXPECT_GT(std::exchange(work_us, 0), 0);
+  EXPECT_EQ(feed_.join(&work_us), first);
   feed_.pump(now_us_ + kInterval / 3, out_);
-  EXPECT_TRUE(feed_.has_join());
   const auto payload_of = [](const FramePtr& frame) {
     const ByteView payload = parse_frame(frame->message())->payload;
     return Bytes(payload.begin(), payload.end());
   };
-  EXPECT_NE(feed_.join(), first);
-  EXPECT_EQ(payload_of(feed_.join()), payload_of(first));
+  EXPECT_NE(feed_.join(&work_us), first);
+  EXPECT_EQ(payload_of(feed_.join(&work_us)), payload_of(first));
+  EXPECT_EQ(work_us, 0);
 }
 
 class CurvedFeedTest : public FeedTest {

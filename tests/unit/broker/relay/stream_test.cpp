@@ -59,6 +59,57 @@ TEST_F(StreamTest, AnnouncementsAreWrittenOnceForAllViewersOfAProfile) {
   EXPECT_NE(*text_of(first), *live) << "another epoch";
 }
 
+TEST_F(StreamTest, AnnouncementsOfAllProfilesThatAreServedAreWrittenOnce) {
+  control::Announce announce = small_announce();
+  announce.format.rows = 8;
+  announce.format.band_ends = {1, 2, 3, 4, 5, 6, 7, 8};
+  ASSERT_TRUE(stream_.claim(sender_));
+  ASSERT_TRUE(stream_.announce(announce, 1));
+  std::vector<std::unique_ptr<FakeReceiver>> crowd;
+  for (std::uint8_t k = 2; k < 12; ++k) {
+    for (std::uint8_t bands = 1; bands <= 8; ++bands) {
+      Profile profile{Profile::Rate::kEstimated};
+      profile.k = k;
+      profile.scheme = default_scheme(profile.rate);
+      profile.bands = bands;
+      crowd.push_back(std::make_unique<FakeReceiver>());
+      ASSERT_TRUE(stream_.watch(*crowd.back(), profile));
+    }
+  }
+  const auto texts = [&] {
+    std::vector<std::shared_ptr<const std::string>> all;
+    for (const auto& receiver : crowd) all.push_back(stream_.info_text(*receiver));
+    return all;
+  };
+  const auto first = texts();
+  EXPECT_GT(std::set(first.begin(), first.end()).size(), 64u);
+  EXPECT_EQ(texts(), first);
+}
+
+TEST_F(StreamTest, TheSenderIsChargedForEachProfileThatIsTold) {
+  begin();
+  FakeReceiver first, second, other;
+  ASSERT_TRUE(stream_.watch(first, kRaw));
+  const double alone_us = stream_.telling_us();
+  ASSERT_TRUE(stream_.watch(second, kRaw));
+  const double same_us = stream_.telling_us() - alone_us;
+  ASSERT_TRUE(stream_.watch(other, kLinear));
+  EXPECT_GT(stream_.telling_us() - alone_us - same_us, same_us);
+}
+
+TEST_F(StreamTest, KeysInProfilesAreWorkOfTheirSendersTurn) {
+  begin();
+  FakeReceiver linear, estimated;
+  ASSERT_TRUE(stream_.watch(linear, kLinear));
+  play(1);
+  const double one_us = stream_.take_profiles_us();
+  EXPECT_GT(one_us, 0);
+  EXPECT_EQ(stream_.take_profiles_us(), 0);
+  ASSERT_TRUE(stream_.watch(estimated, Profile{Profile::Rate::kEstimated}));
+  play(1);
+  EXPECT_GT(stream_.take_profiles_us(), 1.9 * one_us);
+}
+
 TEST_F(StreamTest, EstimatesOfWorkFollowCoefficientsAndBytes) {
   ASSERT_TRUE(stream_.claim(sender_));
   control::Announce large = small_announce();

@@ -72,6 +72,13 @@ TEST_F(TurnTest, FailedTurnIsRetriedWithItsWrites) {
   EXPECT_EQ(steps_, (Steps{"deliver", "deliver", "flush"}));
 }
 
+TEST_F(TurnTest, WritesAtOnceEndWithTheTimeThatTheyTake) {
+  for (unsigned i = 0; i + 1 < kMaxBatch; ++i) turn_.note_written_at_once(kAtOnceUs / kMaxBatch);
+  EXPECT_TRUE(turn_.writes_at_once()) << "short ones";
+  turn_.note_written_at_once(kAtOnceUs / kMaxBatch);
+  EXPECT_FALSE(turn_.writes_at_once());
+}
+
 /// One of a holder, whose writes take a part of a slice.
 struct Held final : SocketWriter {
   Held(std::vector<const Held*>& all, const void* owner, double part) : order(all), holder(owner), us(part) {}
