@@ -46,7 +46,7 @@ class Publisher final : public Connection, public PublisherLink {
   void begin(const control::Announce& announce, const std::string& secret, const std::string& proof,
              const Result<std::uint32_t>& epoch);
   /// REQUIRES: stream_.
-  bool is_announced() const { return !stream_->resume().empty(); }
+  bool is_announced() const { return stream_->snapshot().live; }
   void release();
   void report_count();
   void request_trace();

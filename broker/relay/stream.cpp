@@ -52,7 +52,6 @@ Result<void> Stream::claim(PublisherLink& link, bool replace) {
                     "under another name");
   }
   publisher_ = &link;
-  resume_.clear();
   return {};
 }
 

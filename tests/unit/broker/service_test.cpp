@@ -243,13 +243,17 @@ TEST_F(ResumeTest, WrongAndOlderSecretsAreRefused) {
   EXPECT_EQ(announce(newest)->wait_for<control::Announced>().stream, "a");
 }
 
-TEST_F(ResumeTest, NameThatAnotherHoldsIsNotResumed) {
+TEST_F(ResumeTest, WhoHoldsANameWithoutAnAnnouncementVoidsNoSecret) {
   auto first = sender("a");
   const std::string secret = announced_.resume;
   first.reset();
-  Client holder(port_, "/v1/publish/a");  // It has not announced yet.
+  Client holder(port_, "/v1/publish/a");
   holder.send(control::Ping{7, 9});
   holder.wait_for<control::Pong>();
+  expect_refused({});
+  const auto again = announce(secret);
+  ASSERT_EQ(again->wait_for<control::Announced>().stream, "a");
+  EXPECT_EQ(holder.close_code(), 4409);
   expect_refused(secret);
 }
 
