@@ -49,11 +49,13 @@ void Backbone::start(Hub& hub) {
   const std::string alive = settings_.prefix + ".alive.";
   const auto heard = [this, alive](const std::string& subject, const Bytes& message) {
     const std::string broker = subject.substr(alive.size());
-    if (message == Bytes{kStopped}) return directory_.note_stopped(broker);
+    const char says = message.size() == 1 ? static_cast<char>(message.front()) : 0;
+    if (says == kStopped) return directory_.note_stopped(broker);
+    if (says != kAlive && says != kAsksForRows) return;  // JetStream answers wherever a request asks it to.
     const TimeUs now = environment_.now_us();
     if (directory_.has_streams(broker) && !directory_.is_alive(broker, now)) following_.note_all();
     directory_.note_heartbeat(broker, now);
-    rows_asked_ = rows_asked_ || (message == Bytes{kAsksForRows} && broker != settings_.id);
+    rows_asked_ = rows_asked_ || (says == kAsksForRows && broker != settings_.id);
   };
   listening_ = {link_.subscribe(alive + ">", heard),
                 link_.serve(settings_.prefix + ".joins." + settings_.id,

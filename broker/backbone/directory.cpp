@@ -203,7 +203,10 @@ void Directory::note_heartbeat(std::string_view broker, TimeUs now_us) {
     if (name_of_broker(it->first) != name) break;
     if (oldest == last_heartbeat_us_.end() || it->second < oldest->second) oldest = it;
   }
-  if (runs >= kMaxRuns) last_heartbeat_us_.erase(oldest);
+  if (runs >= kMaxRuns) {
+    if (now_us - oldest->second < kHeartbeatTimeoutUs) return;
+    last_heartbeat_us_.erase(oldest);
+  }
   if (last_heartbeat_us_.size() < kMaxBrokers) last_heartbeat_us_.emplace(broker, now_us);
 }
 

@@ -62,7 +62,7 @@ class Directory {
   /// Target number of heartbeats per period from brokers without streams.
   static constexpr std::size_t kHeartbeatsPerPeriod = 100;
   static constexpr std::size_t kMaxBrokers = 200'000;  ///< More are ignored.
-  static constexpr std::size_t kMaxRuns = 256;         ///< Of a broker's name, those heard last.
+  static constexpr std::size_t kMaxRuns = 256;         ///< Of a broker's name. Silent ones make room.
   /// More are ignored: streams of all brokers, and of one name of them. Those of gone brokers make room.
   static constexpr std::size_t kMaxStreams = 65'536, kMaxStreamsPerName = 16'384;
 

@@ -6,13 +6,18 @@
 
 namespace eigencast::broker {
 
+bool Follower::is_of_epoch(ByteView message) const {
+  ByteReader in(message);
+  return in.u32() == epoch_ && !in.failed();
+}
+
 std::vector<Follower::Followed> Follower::take(Bytes message) {
   std::vector<Followed> out;
   ByteReader in(message);
-  const std::uint32_t epoch = in.u32();
+  in.u32();
   const std::uint64_t sequence = in.u64();
   const auto frame = parse_frame(in.bytes(in.remaining()));
-  if (!frame || !frame->envelope.is_key() || epoch != epoch_ || (newest_ && sequence <= *newest_)) {
+  if (!frame || !frame->envelope.is_key() || !is_of_epoch(message) || (newest_ && sequence <= *newest_)) {
     ++dropped_;
     return out;
   }

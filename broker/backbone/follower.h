@@ -29,6 +29,7 @@ class Follower {
 
   explicit Follower(std::uint32_t epoch) : epoch_(epoch) {}
 
+  bool is_of_epoch(ByteView message) const;
   /// Returns the frames that can be used now, in order; drops other epochs, duplicates and malformed messages.
   std::vector<Followed> take(Bytes message);
 

@@ -283,6 +283,10 @@ void Following::take(const RemotePtr& kept, Bytes message, bool recalled) {
   if (remote.stream == nullptr) return;
   // The sender's chain goes on from a join; what comes late of the other one is of no use then.
   if (recalled != remote.recalls && !(recalled && remote.follower.is_joined() && is_join(message))) return;
+  if (!remote.follower.is_of_epoch(message)) {  // Perhaps not its broker's: the sender does not pay for it.
+    ++totals_.frames_dropped;
+    return;
+  }
   const double work_us = 1 + remote.stream->decoding_us(message.size(), true);
   if (!work_.take_frame(remote.entry.owner, remote.entry.sender, work_us, environment_.now_us())) {
     ++totals_.frames_dropped;
@@ -325,7 +329,8 @@ void Following::ask_memory(const RemotePtr& remote) {
 void Following::take_memory(const RemotePtr& remote, ByteView bytes) {
   if (remote->stream == nullptr || !remote->about_memory) return;
   auto message = memory_message_from(bytes);
-  if (!message) return environment_.warn("a message of broker " + remote->entry.owner + " about a memory is malformed");
+  if (!message)
+    return environment_.warn("stream '" + remote->stream->name() + "': a message about its memory is malformed");
   if (message->notice) return note_memory(remote, *std::move(message->notice));
   const bool is_held = remote->held.root == message->root && message->number <= remote->held.number;
   if (is_held) return take(remote, std::move(message->frame), true);

@@ -31,6 +31,15 @@ constexpr std::size_t kMaxServers = 64;              ///< Those that servers nam
 constexpr std::string_view kInbox = "_INBOX.";
 constexpr auto kClockStep = 1s;  ///< A wall clock that goes back by more was set.
 
+/// No broker sends one. Status messages of JetStream, and what it publishes again, have one.
+bool has_header(natsMsg* message) {
+  const char** keys = nullptr;
+  int count = 0;
+  const natsStatus status = natsMsgHeader_Keys(message, &keys, &count);
+  std::free(keys);
+  return status != NATS_NOT_FOUND;
+}
+
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));
   return {data, data + natsMsg_GetDataLength(message)};
@@ -343,6 +352,7 @@ std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::f
 
 std::shared_ptr<void> NatsLink::subscribe(const std::string& subject, Handler handler) {
   return listen(subject, [handler = std::move(handler)](Incoming incoming) {
+    if (incoming.unheard || !incoming.reply.empty()) return;  // What JetStream delivers names where to confirm it.
     handler(incoming.subject, std::move(incoming.message));
   });
 }
@@ -363,9 +373,12 @@ std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function
   const bool below = subject.ends_with('>') || subject.ends_with('*');
   const std::string wanted = subject.substr(0, subject.size() - (below ? 1 : 0));
   const auto hear = [this, weak = std::weak_ptr(owned), waiting, below, wanted](natsMsg* message) {
-    // JetStream delivers rows to whatever subject a consumer names: they keep their own.
+    // JetStream delivers rows to whatever subject a consumer names: they keep their own. Its answers do not, which are
+    // JSON: each handler refuses that.
     const std::string_view own = natsMsg_GetSubject(message);
     if (below ? !own.starts_with(wanted) : own != wanted) return;
+    const bool unheard = natsMsg_IsNoResponders(message);
+    if (!unheard && has_header(message)) return;
     const std::size_t cost = kMessageBytes + static_cast<std::size_t>(natsMsg_GetDataLength(message));
     const std::size_t free = kMaxUndeliveredBytes - std::min<std::size_t>(undelivered_, kMaxUndeliveredBytes);
     if (*waiting + cost > free / 4) return;  // A flood of one subject leaves room for others.
@@ -373,8 +386,8 @@ std::shared_ptr<void> NatsLink::listen(const std::string& subject, std::function
     undelivered_ += cost;
     const char* reply = natsMsg_GetReply(message);
     to_loop([self = shared_from_this(), weak, waiting, cost,
-             incoming = Incoming{natsMsg_GetSubject(message), reply == nullptr ? "" : reply,
-                                 natsMsg_IsNoResponders(message), data_of(message)}]() mutable {
+             incoming = Incoming{natsMsg_GetSubject(message), reply == nullptr ? "" : reply, unheard,
+                                 data_of(message)}]() mutable {
       *waiting -= cost;
       self->undelivered_ -= cost;
       const auto hears = weak.lock();

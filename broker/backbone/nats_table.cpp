@@ -114,12 +114,12 @@ void NatsLink::publish_row(const std::string& key, const std::optional<std::stri
 void NatsLink::take_row(const std::string& from, ByteView message) {
   ByteReader in(message);
   const std::uint64_t revision = in.u64();
-  const bool has_text = in.u8() == 1;
+  const std::uint8_t has_text = in.u8();
   const ByteView key = in.bytes(in.u16());
   const ByteView text = in.bytes(in.remaining());
-  if (in.failed()) return;
+  if (in.failed() || has_text > 1) return;
   std::optional<std::string> row;
-  if (has_text) row.emplace(text.begin(), text.end());
+  if (has_text == 1) row.emplace(text.begin(), text.end());
   listener_->on_row(std::string(key.begin(), key.end()), std::move(row), revision, from);
 }
 

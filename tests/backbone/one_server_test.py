@@ -198,8 +198,8 @@ class Rogue:
         self.sock.sendall(f'CONNECT {{"verbose":false,"tls_required":true,"user":"{user}","pass":"{password}"}}\r\n'.encode())
         self.settle()
 
-    def publish(self, subject, data):
-        self.sock.sendall(f"PUB {subject} {len(data)}\r\n".encode() + data + b"\r\n")
+    def publish(self, subject, data, reply=""):
+        self.sock.sendall(f"PUB {subject} {reply} {len(data)}\r\n".encode() + data + b"\r\n")
 
     def settle(self):
         """Everything until the server has done what it was asked."""
@@ -231,6 +231,18 @@ class Trusted(OneServer):
         for subject in ("_INBOX.>", "eigencast.joins.edge-1.*", "eigencast.assets.>"):
             rogue.sock.sendall(f"SUB {subject} 1\r\n".encode())
             self.assertIn(b"Permissions Violation", rogue.settle(), subject)
+        for request in ("LIST", "NAMES", "INFO", "DURABLE.CREATE"):  # They show, or guess, where others await rows.
+            rogue.publish(f"$JS.API.CONSUMER.{request}.KV_eigencast_streams", b"")
+            self.assertIn(b"Permissions Violation", rogue.settle(), request)
+        # JetStream answers to any subject, whose message is no broker's then.
+        rogue.sock.sendall(b"SUB eigencast.alive.> 1\r\n")
+        for request in ("$JS.API.STREAM.NAMES", "$KV.eigencast_streams.x"):
+            rogue.publish(request, b"", reply=f"eigencast.alive.edge-1.by{request.count('.')}")
+        self.wait_for(lambda: all(f" eigencast.alive.edge-1.by{n} ".encode() in rogue.settle() + rogue.heard for n in (2, 3)), "it answers")
+        rogue.publish("eigencast.alive.edge-2.known", b"+")
+        ask = brokers[0][1]
+        self.wait_for(lambda: "2 brokers" not in ask("/api/broker"), "its own heartbeat comes")
+        self.assertIn("3 brokers", ask("/api/broker"))
 
     def test_a_peer_that_speaks_for_others_is_not_believed(self):
         who = {"user": "broker", "password": "secret"}

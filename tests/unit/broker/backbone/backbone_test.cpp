@@ -241,6 +241,30 @@ TEST_F(BackboneTest, FramesOfABrokerBeyondItsBudgetAreLeftOut) {
   b().hub->find("x")->unwatch(crowd);
 }
 
+/// JetStream answers a request to the subject that it names, past the permissions of who asks: in JSON, or nothing.
+TEST_F(BackboneTest, AnswersOfJetStreamAreNoMessagesOfBrokers) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  FakeLink rogue(network);
+  const std::string text = R"({"type":"io.nats.jetstream.api.v1.stream_names_response","total":0})";
+  const Bytes json(text.begin(), text.end());
+  for (const Bytes& said : {json, Bytes(), Bytes{'+', '+'}, Bytes{'-', '-'}, Bytes{'x'}}) {
+    rogue.publish("test.alive.c", said);
+    rogue.publish("test.alive.a", said);
+  }
+  network.run();
+  EXPECT_EQ(b().backbone->totals().brokers, 2u);
+  for (const char* subject : {"test.frames.a.s", "test.frames.a.s.="})
+    for (int i = 0; i < 50'000; ++i) rogue.publish(subject, json);
+  network.run();
+  const std::size_t seen = viewer.poses.size();
+  for (int i = 0; i < 5; ++i) send(sender);
+  EXPECT_EQ(viewer.poses.size(), seen + 5) << "its sender pays for none of them";
+}
+
 /// Counts what it is told, and keeps nothing.
 struct CountingViewer : FakeReceiver {
   void on_stream_changed(const Stream&, bool) override { ++told; }

@@ -407,6 +407,28 @@ TEST_F(NatsLinkTest, OnlyMessagesOfTheirOwnSubjectAreHeard) {
   EXPECT_EQ(subjects, (std::vector<std::string>{"frames.edge-2.1.s", "alive.edge-2.1"}));
 }
 
+/// A stream may be made to publish again what it stores, and consumers replay it, in its own subject.
+TEST_F(NatsLinkTest, WhatHasAHeaderOrAReplyIsNoMessageOfABroker) {
+  start({});
+  std::string all;
+  const auto alive = link_->subscribe(
+      "alive.>", [&](const std::string&, const Bytes& message) { all.append(message.begin(), message.end()); });
+  on_lasting_connection([&](const std::string&) {
+    all.clear();
+    const std::string number = peer_->number_of("alive.> ");
+    const std::string again = "NATS/1.0\r\nNats-Sequence: 7\r\n\r\n", status = "NATS/1.0 100 Idle Heartbeat\r\n\r\n",
+                      nobody = "NATS/1.0 503\r\n\r\n";
+    const auto with = [&](const std::string& head, const std::string& text) {
+      return "HMSG alive.edge-2.1 " + number + " " + std::to_string(head.size()) + " " +
+             std::to_string(head.size() + text.size()) + "\r\n" + head + text + "\r\n";
+    };
+    peer_->say(with(again, "a") + with(status, "") + with(nobody, "") + "MSG alive.edge-2.1 " + number +
+               " $JS.ACK.KV_eigencast_streams.x.1.1.1.1.0 1\r\nb\r\n" + "MSG alive.edge-2.1 " + number + " 1\r\n+\r\n");
+    return [&] { return all.ends_with('+'); };
+  });
+  EXPECT_EQ(all, "+");
+}
+
 TEST_F(NatsLinkTest, AFloodOfOneSubjectLeavesRoomForOthers) {
   start({});
   int others = 0;
