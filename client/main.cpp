@@ -30,9 +30,6 @@ int run(int argc, char** argv) {
   if (options.memory_mb > 0) received_memory().set_limit(static_cast<std::uint64_t>(options.memory_mb * 1e6));
 
   const LogSink log = sink_to(stderr_logger(options.verbose ? LogLevel::kDebug : LogLevel::kInfo));
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
-
   if (options.list) return run_list(options, log);
   if (options.scene.streams.empty()) {
     const auto chosen = choose_live_stream(options);
@@ -41,6 +38,9 @@ int run(int argc, char** argv) {
     if (!chosen && options.headless) return kExitNoStream;
   }
 
+  // Not before: a signal ends what waits for a list.
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
   if (options.film) return run_film(options, stop_wanted, log);
   std::vector<std::unique_ptr<PoseSource>> sources;
   std::vector<PoseSource*> all;

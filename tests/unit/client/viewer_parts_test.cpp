@@ -65,7 +65,8 @@ TEST(StreamList, PagesAreCheckedBeforeUse) {
   EXPECT_EQ(page->next, "lab/a");
   for (const char* bad : {"", "[]", "{}", R"({"streams":{}})", R"({"streams":[3]})", R"({"streams":[{"stream":"a"}]})",
                           R"({"streams":[{"stream":"../\u0007","state":"live"}]})",
-                          R"({"streams":[{"stream":7,"state":"live"}]})", R"({"streams":[],"next":"a b"})"})
+                          R"({"streams":[{"stream":7,"state":"live"}]})", R"({"streams":[],"next":"a b"})",
+                          R"({"streams":[],"next":"a"})", R"({"streams":[{"stream":"a","state":"live"}],"next":"b"})"})
     EXPECT_FALSE(page_from_json(bad)) << bad;
   EXPECT_TRUE(page_from_json(R"({"streams":[{"stream":"a","state":"live","subscribers":-1,"key_rate_hz":"x"}]})"));
 }
