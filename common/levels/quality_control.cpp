@@ -30,6 +30,25 @@ QualityKnob resolution_knob(double error, double saved) {
   return knob;
 }
 
+std::optional<VertexProbe::Found> VertexProbe::add(double vertices, double seconds) {
+  pictures_->push_back({vertices, seconds});
+  if (pictures_->size() < 3 * kPictures) return std::nullopt;
+  // Least squares, seconds = a + b vertices + c turn: the turn stands for what grows or falls beside.
+  const double count = static_cast<double>(pictures_->size());
+  double v = 0, s = 0;
+  for (const Picture& picture : *pictures_) v += picture.vertices / count, s += picture.seconds / count;
+  double vv = 0, tt = 0, vt = 0, vs = 0, ts = 0, ss = 0, turn = -(count - 1) / 2;
+  for (const Picture& picture : *pictures_) {
+    const double dv = picture.vertices - v, ds = picture.seconds - s;
+    vv += dv * dv, tt += turn * turn, vt += dv * turn, vs += dv * ds, ts += turn * ds, ss += ds * ds, ++turn;
+  }
+  const double own = vv - vt * vt / tt;  // what the turn does not explain of the vertices
+  if (own <= 1e-6 * v * v) return Found{0, s};
+  const double b = (vs - vt * ts / tt) / own, c = (ts - b * vt) / tt;
+  const double noise = std::max(ss - b * vs - c * ts, 0.0) / (count - 3);
+  return Found{std::max(b - kSure * std::sqrt(noise / own), 0.0), s - b * (v - pictures_->front().vertices)};
+}
+
 QualityControl::QualityControl(const Settings& settings)
     : settings_(settings), f0_(settings.budget.f0), levels_(settings.budget), steps_(settings.knobs.size()) {
   assert(
@@ -162,26 +181,55 @@ void QualityControl::adapt(const Scene& scene) {
     change_to(finer);
 }
 
+void QualityControl::raise_least(std::vector<ObjectView>& objects) {
+  std::vector<ObjectView> raised = objects;
+  for (ObjectView& object : raised) {
+    if (object.pixels > 0)
+      object.min = std::max(object.min, static_cast<std::uint32_t>(kFewVertices * object.max + 0.5));
+  }
+  const double few = cost_of(raised, &ObjectView::min), fewer = few - cost_of(objects, &ObjectView::min);
+  const double slope = levels_.slope_s(), few_s = fixed_s() + slope * few, left = time_left(steps_);
+  const double sure_s = std::min(slope, left * vertex_s_) * fewer;
+  if (!probe_.runs() && sure_s > 0 && sure_s >= kWorthwhile * std::max(few_s, left * few_s_)) return;
+  const bool late = fixed_s() + slope * cost_of(objects, &ObjectView::max) > levels_.fill() / f0_;
+  const bool knows = pictures_ > kWarm + kLearn && (!settings_.trials || next_trial_ >= settings_.knobs.size());
+  if (!probe_.runs() && late && knows && !changed_ && since_probe_ >= probe_wait_ &&
+      slope * fewer >= 2 * kWorthwhile * few_s && levels_.drawn() < 1.5 * few)
+    probe_.start();
+  objects = std::move(raised);
+  if (!probe_.doubles()) return;
+  for (ObjectView& object : objects) {
+    if (object.pixels > 0) object.min = std::min(object.max, 2 * object.min);
+  }
+}
+
+void QualityControl::note_probe(double seconds) {
+  if (!probe_.runs()) return;
+  const auto found = probe_.add(levels_.drawn(), seconds);
+  if (!found) return;
+  probe_.stop();
+  vertex_s_ = found->vertex_s / time_left(steps_);
+  few_s_ = found->few_s / time_left(steps_);
+  since_probe_ = 0;
+  probe_wait_ = std::clamp(2 * probe_wait_, kWait, kLongestProbeWait);
+}
+
 QualityControl::Choice QualityControl::choose(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
   std::vector<ObjectView> bounded(objects.begin(), objects.end());
-  for (ObjectView& object : bounded)
-    object.min = std::max(object.min, static_cast<std::uint32_t>(kFewVertices * object.max + 0.5));
-  const double few = cost_of(bounded, &ObjectView::min), least = cost_of(objects, &ObjectView::min);
-  const double saved = levels_.slope_s() * (few - least) / (fixed_s() + levels_.slope_s() * few);
-  const bool knows = pictures_ > kWarm && (!settings_.trials || next_trial_ >= settings_.knobs.size());
-  goes_low_ = knows && saved >= (goes_low_ ? 1 : 2) * kWorthwhile;
-  if (goes_low_) bounded.assign(objects.begin(), objects.end());
+  raise_least(bounded);
   if (last && std::isfinite(last->seconds) && last->seconds > 0) {
-    ++pictures_, ++since_change_, ++since_trial_;
+    ++pictures_, ++since_change_, ++since_trial_, ++since_probe_;
     if (pictures_ > kWarm && levels_.drawn() > 0) note_rest(last->seconds);
     const double left = time_left(steps_);
+    note_probe(last->seconds);
     if (changed_) {
       learn(last->seconds);
       last.reset();  // It says what the change saves, not what the scene costs.
     } else if (pictures_ <= kWarm) {
       last.reset();
     }
-    if (pictures_ > kWarm) adapt({cost_of(bounded, &ObjectView::min), cost_of(bounded, &ObjectView::max)});
+    if (pictures_ > kWarm && !probe_.runs())
+      adapt({cost_of(bounded, &ObjectView::min), cost_of(bounded, &ObjectView::max)});
     if (last) last->seconds *= time_left(steps_) / left;
   }
   return {steps_, levels_.resolve(bounded, last)};

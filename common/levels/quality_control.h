@@ -29,6 +29,32 @@ QualityKnob resolution_knob(double error, double saved);
 /// QualityControl::Settings::vertex_error, of what half of the pixels a side change.
 inline constexpr double kOfHalfTheVertices = 0.4;
 
+/// Measures what a vertex takes, apart from what other programs take meanwhile: by pictures with few vertices, then
+/// with twice as many, then with few again. Clockless. Not thread-safe.
+class VertexProbe final {
+ public:
+  static constexpr std::size_t kPictures = 8;  ///< Of each of the three.
+  static constexpr double kSure = 3.5;         ///< Standard errors.
+
+  void start() { pictures_.emplace(); }
+  void stop() { pictures_.reset(); }
+  bool runs() const { return pictures_.has_value(); }
+  /// The next picture is to have twice the vertices.
+  bool doubles() const { return runs() && pictures_->size() / kPictures == 1; }
+  struct Found {
+    double vertex_s;  ///< What one takes at the least; 0 if that does not show.
+    double few_s;     ///< What the picture with few takes.
+  };
+  /// Found after the last picture. REQUIRES: runs().
+  std::optional<Found> add(double vertices, double seconds);
+
+ private:
+  struct Picture {
+    double vertices, seconds;
+  };
+  std::optional<std::vector<Picture>> pictures_;
+};
+
 /// Keeps each picture's work within its time by what costs least to the eye: gives up, of picture quality and vertices
 /// together, what adds the least image error for the time that is wanted. Clockless. Not thread-safe.
 ///
@@ -48,8 +74,10 @@ class QualityControl final {
   static constexpr int kLongestWait = 960;    ///< Likewise, at most.
   static constexpr int kTrialEvery = 1800;  ///< Pictures between trials, which hold one up, while something is lowered.
   static constexpr double kBetter = 0.1;    ///< Of the error.
-  static constexpr double kFewVertices = 0.2;  ///< Fewer are drawn only if that saves kWorthwhile of the time.
+  /// Of what is in sight. Fewer are drawn only where a VertexProbe has shown that this saves kWorthwhile of the time.
+  static constexpr double kFewVertices = 0.2;
   static constexpr double kWorthwhile = 0.05;
+  static constexpr int kLongestProbeWait = 240;  ///< Pictures between probes; at first kWait, then twice as long each.
 
   struct Settings {
     BudgetResolver::Settings budget;
@@ -90,6 +118,9 @@ class QualityControl final {
   double error_of(const Steps& steps, const Scene& scene, double budget_s) const;
   Steps best(const Scene& scene, double budget_s) const;
   double fixed_s() const;
+  /// Raises the smallest levels to kFewVertices, unless surfaces may go below it.
+  void raise_least(std::vector<ObjectView>& objects);
+  void note_probe(double seconds);
   void note_rest(double seconds);
   void follow_rate(const Scene& scene);
   void learn(double seconds);
@@ -110,7 +141,9 @@ class QualityControl final {
   bool trial_wanted_ = false;
   int pictures_ = 0, since_change_ = 0, since_trial_ = 0, late_ = 0, wait_ = kWait;
   bool rose_ = false;      ///< By the last change.
-  bool goes_low_ = false;  ///< Below kFewVertices.
+  VertexProbe probe_;
+  double vertex_s_ = 0, few_s_ = 0;  ///< VertexProbe::Found at full quality.
+  int since_probe_ = 0, probe_wait_ = 0;
 };
 
 }  // namespace eigencast
