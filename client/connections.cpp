@@ -89,10 +89,7 @@ void Connections::log_states() {
     const Subscriber::Stats& stats = known.stats;
     if (known.logged == stats.state) continue;
     known.logged = stats.state;
-    const std::string name(kStateNames[stats.state]);
-    std::string line =
-        stats.detail.compare(0, name.size(), name) == 0 ? stats.detail : name;  // it may begin with the state
-    if (!stats.detail.empty() && line != stats.detail) line += ": " + stats.detail;
+    std::string line = text_from_state(stats);
     if (sources_.size() > 1) line = known.name + ": " + line;
     const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||
                       stats.state == Subscriber::State::kWaiting;

@@ -118,15 +118,12 @@ class Film {
       }
       return stopped() ? Result<void>(cancelled()) : Result<void>();
     };
-    Patience patience(options_);
+    Patience patience(options_, captured_);
     const auto has_begun = [](const StreamCapture& each) { return each.has_surface() && !each.is_empty(); };
     while (!all(has_begun)) {
       if (const auto taken = take(); !taken) return taken;
       if (!patience.is_over(sources, false, steady_now_us())) continue;
-      const auto missing = std::find_if_not(captures.begin(), captures.end(), has_begun);
-      const auto at = missing == captures.end() ? 0 : static_cast<std::size_t>(missing - captures.begin());
-      return fail(ErrorCode::kTimeout,
-                  patience.fate_of(options_.scene.streams[captured_[at]], sources[at]->stats().detail));
+      return fail(ErrorCode::kTimeout, patience.reason(sources));
     }
     if (options_.ago_s > 0) {
       if (const auto gone = go_back(sources, take); !gone) return gone;
@@ -190,7 +187,7 @@ class Film {
     double seconds = wanted_seconds();
     if (lost_) seconds = std::min(seconds, static_cast<double>(captured_us_) / 1e6);
     if (seconds == 0)
-      return fail(ErrorCode::kInvalidArgument, "nothing moves in " + options_.scene.streams.front() +
+      return fail(ErrorCode::kInvalidArgument, "nothing moves in " + clip_in(options_.scene.streams.front()).value() +
                                                    ": say --seconds, --turntable or --camera-path");
     const auto clock = FilmClock::create(seconds, options_.film->fps);
     if (!clock) return clock.error();

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <filesystem>
+#include <numeric>
 #include <utility>
 
 #include "client/apps.h"
+#include "client/hud_text.h"
 #include "client/offscreen_viewer.h"
 #include "client/patience.h"
 #include "client/scene_file.h"
@@ -15,9 +17,16 @@
 namespace eigencast {
 namespace {
 
+std::vector<std::size_t> numbers_below(std::size_t count) {
+  std::vector<std::size_t> numbers(count);
+  std::iota(numbers.begin(), numbers.end(), std::size_t{0});
+  return numbers;
+}
+
 class Headless {
  public:
-  Headless(const ClientOptions& options, const LogSink& log) : options_(options), log_(log) {}
+  Headless(const ClientOptions& options, std::size_t sources, const LogSink& log)
+      : options_(options), log_(log), patience_(options, numbers_below(sources)) {}
 
   Result<void> open(std::span<PoseSource* const> sources) {
     auto good = store(path_, CameraPath::read(options_.camera_path));
@@ -38,8 +47,8 @@ class Headless {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
       if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
       if (options_.frames > 0 && taken_ >= options_.frames) break;
-      if (taken_ == 0 && patience_.is_over(session().sources(), session().scene().poses_shown() > 0, steady_now_us()))
-        return report_no_stream();
+      const bool has_begun = session().scene().poses_shown() > 0 && !waits_for_all();
+      if (taken_ == 0 && patience_.is_over(session().sources(), has_begun, steady_now_us())) return report_no_stream();
       if (flight_is_over() || (gone = senders_are_gone())) break;
       const bool changed = session().update(std::chrono::milliseconds(flying() ? 0 : 20), viewer_->camera());
       const bool is_led = changed && session().room() != nullptr;  // Who leads moves the camera between poses too.
@@ -65,7 +74,7 @@ class Headless {
     if (taken_ == 0 && !stop.load()) return report_no_stream();
     if (!gone) return kExitGood;
     log(log_, LogLevel::kError,
-        "the sender is gone: " + std::to_string(taken_) + " of " + std::to_string(options_.frames) +
+        what_is_gone() + ": " + std::to_string(taken_) + " of " + std::to_string(options_.frames) +
             " pictures; --wait gives it longer to come back");
     return kExitNoStream;
   }
@@ -94,6 +103,16 @@ class Headless {
       return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
     };
     return std::none_of(session().sources().begin(), session().sources().end(), sends);
+  }
+
+  std::string what_is_gone() const {
+    const auto& sources = session().sources();
+    const auto lost = std::find_if(sources.begin(), sources.end(), [](const PoseSource* source) {
+      const Subscriber::State state = source->stats().state;
+      return state == Subscriber::State::kLost || state == Subscriber::State::kConnecting;
+    });
+    if (lost == sources.end()) return "the sender is gone";
+    return "the broker is gone (" + text_from_state((*lost)->stats()) + ")";
   }
 
   bool flying() const { return path_ && flight_began_us_; }
@@ -129,19 +148,8 @@ class Headless {
     return path.empty() ? Result<void>() : write_file_atomically(path, report);
   }
 
-  /// The first that is not live.
-  std::string missing_stream() const {
-    const auto& sources = session().sources();
-    const auto is_missing = [](const auto* source) { return source->stats().state != Subscriber::State::kLive; };
-    const auto at = std::find_if(sources.begin(), sources.end(), is_missing);
-    const auto index = at == sources.end() ? 0 : static_cast<std::size_t>(at - sources.begin());
-    return index < options_.scene.streams.size() ? options_.scene.streams[index] : "the source";
-  }
-
   int report_no_stream() {
-    const Session::Status status = session().status();
-    log(log_, LogLevel::kError,
-        patience_.fate_of(missing_stream(), status.line + (status.banner.empty() ? "" : ": " + status.banner)));
+    log(log_, LogLevel::kError, patience_.reason(session().sources()));
     return kExitNoStream;
   }
 
@@ -152,14 +160,14 @@ class Headless {
   std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;
   TimeUs taken_us_ = 0, settled_us_ = steady_now_us();
-  Patience patience_{options_};
+  Patience patience_;
 };
 
 }  // namespace
 
 int run_headless(const ClientOptions& options, std::span<PoseSource* const> sources, const std::atomic<bool>& stop,
                  const LogSink& log_sink) {
-  Headless headless(options, log_sink);
+  Headless headless(options, sources.size(), log_sink);
   if (const Result<void> ready = headless.open(sources); !ready) return failed(ready.error(), log_sink);
   const Result<int> code = headless.run(stop);
   return code ? *code : failed(code.error(), log_sink);

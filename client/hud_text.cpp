@@ -141,6 +141,12 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   return lines;
 }
 
+std::string text_from_state(const Subscriber::Stats& stats) {
+  const std::string name(kStateNames[stats.state]);
+  if (stats.detail.starts_with(name)) return stats.detail;
+  return name + (stats.detail.empty() ? "" : ": " + stats.detail);
+}
+
 Download download_of(const Subscriber::Stats& stats, double bytes_per_s) {
   Download d{stats.asset_bytes_downloaded + stats.asset_bytes_cached, stats.asset_bytes_total, std::nullopt};
   if (bytes_per_s > 0 && d.bytes < d.total) d.seconds_left = static_cast<double>(d.total - d.bytes) / bytes_per_s;

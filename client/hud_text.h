@@ -38,6 +38,9 @@ inline constexpr EnumNames<Shown, 4> kShownNames{{"live", "interpolated", "estim
 /// As --playout names them.
 inline constexpr EnumNames<PlayoutMode, 3> kPlayoutNames{{"latest", "interpolate", "estimate"}};
 
+/// "refused: 401 ...": the state, and what the source says of it.
+std::string text_from_state(const Subscriber::Stats& stats);
+
 /// "raw", "interpolated x3 full", "estimated x3 damped full".
 std::string text_from_mode(const Profile& profile);
 

@@ -46,6 +46,16 @@ TEST_F(AccessTest, RightsAndTlsAdmitAStream) {
   }
 }
 
+TEST_F(AccessTest, ARefusalOfOneStreamDoesNotWaitForOthers) {
+  auto broker = scene_.start_broker(configured());
+  auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", token("sends", {"--publish", "**"})});
+  const std::string views = token("views", {"--subscribe", "live/test"});
+  EXPECT_TRUE(watches("first", {"--token", views})) << scene_.logs();
+  const std::string other = "http://127.0.0.1:" + scene_.port() + "/live/other";
+  EXPECT_THAT(refusal("two", {other, "--token", views}),
+              ::testing::AllOf(HasSubstr("no pose comes from"), HasSubstr(other.substr(4)), HasSubstr("'views'")));
+}
+
 TEST_F(AccessTest, AnExpiredTokenEndsItsConnection) {
   auto broker = scene_.start_broker(configured());
   const std::string sends = token("sends", {"--publish", "**"});

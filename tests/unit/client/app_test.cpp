@@ -219,6 +219,20 @@ TEST_F(Apps, HeadlessEndsOnceTheSenderIsGone) {
   EXPECT_EQ(json::parse(std::ifstream(options_.json))["frames_out"]["drawn"], 8) << "what came is kept";
 }
 
+TEST_F(Apps, HeadlessTellsALostBrokerFromALostSender) {
+  options_.headless = true;
+  options_.frames = 100;
+  options_.wait_s = 0.05;
+  source_.on_poll = [&] {
+    if (source_.batches.empty())
+      source_.stats_.state = Subscriber::State::kLost, source_.stats_.detail = "reset by peer";
+  };
+  EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitNoStream) << said_;
+  EXPECT_NE(said_.find("broker"), std::string::npos) << said_;
+  EXPECT_NE(said_.find("reset by peer"), std::string::npos) << said_;
+  EXPECT_EQ(said_.find("sender"), std::string::npos) << said_;
+}
+
 TEST_F(Apps, HeadlessReportsMissingColours) {
   options_.headless = true;
   options_.frames = 1;
