@@ -162,7 +162,7 @@ void add_help_all(CLI::App& app) {
   app.failure_message([](const CLI::App* of, const CLI::Error& error) {
     std::string command = of->get_name();
     for (const CLI::App* given : of->get_subcommands()) command += " " + given->get_name();
-    return words_from_failure(error.what()) + "\nTry " + command + " --help\n";
+    return of->get_name() + ": " + words_from_failure(error.what()) + "\nTry " + command + " --help\n";
   });
   app.set_help_all_flag("--help-all", "print this message and that of every command");
 }

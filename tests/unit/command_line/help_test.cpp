@@ -58,17 +58,17 @@ TEST(Help, RefusalsAreWords) {
     EXPECT_EQ(line.parse(static_cast<int>(words.size()), words.data()), false);
     return ::testing::internal::GetCapturedStderr();
   };
-  const std::string how = "\nTry mover --help\n";
-  EXPECT_EQ(refusal({"--part", "7"}), "--part: 7 is not 0 to 1" + how);
-  EXPECT_EQ(refusal({"--part", "half"}), "--part: half is not 0 to 1" + how);
-  EXPECT_EQ(refusal({"--rate", "0"}), "--rate: 0 is not at least 0.5" + how);
-  EXPECT_EQ(refusal({"--wait", "-1"}), "--wait: -1 is not at least 0" + how);
-  EXPECT_EQ(refusal({"--frames", "-1"}), "--frames: -1 is not at least 0" + how);
-  EXPECT_EQ(refusal({"--count", "1"}), "--count: 1 is not 2 to 15" + how);
-  EXPECT_EQ(refusal({"--kind", "c"}), "--kind: c is none of a, b" + how);
-  EXPECT_EQ(refusal({"--count"}), "--count: a number is missing" + how);
-  EXPECT_EQ(refusal({"--name"}), "--name: a word is missing" + how);
-  EXPECT_EQ(refusal({"--flies"}), "--flies was not expected" + how);
+  const std::string how = "\nTry mover --help\n", who = "mover: ";
+  EXPECT_EQ(refusal({"--part", "7"}), who + "--part: 7 is not 0 to 1" + how);
+  EXPECT_EQ(refusal({"--part", "half"}), who + "--part: half is not 0 to 1" + how);
+  EXPECT_EQ(refusal({"--rate", "0"}), who + "--rate: 0 is not at least 0.5" + how);
+  EXPECT_EQ(refusal({"--wait", "-1"}), who + "--wait: -1 is not at least 0" + how);
+  EXPECT_EQ(refusal({"--frames", "-1"}), who + "--frames: -1 is not at least 0" + how);
+  EXPECT_EQ(refusal({"--count", "1"}), who + "--count: 1 is not 2 to 15" + how);
+  EXPECT_EQ(refusal({"--kind", "c"}), who + "--kind: c is none of a, b" + how);
+  EXPECT_EQ(refusal({"--count"}), who + "--count: a number is missing" + how);
+  EXPECT_EQ(refusal({"--name"}), who + "--name: a word is missing" + how);
+  EXPECT_EQ(refusal({"--flies"}), who + "--flies was not expected" + how);
 }
 
 }  // namespace
