@@ -73,10 +73,26 @@ std::string without_escapes(const std::string& text) {
 
 }  // namespace
 
+namespace {
+
+bool is_on_disk(const std::string& input) {
+  std::error_code hidden;
+  return input.find_first_of("*?[") != std::string::npos || fs::exists(input, hidden) || hidden;
+}
+
+}  // namespace
+
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input) {
-  std::error_code ignored;
-  const bool is_word = input.find_first_of("/*?[.") == std::string::npos;
-  return is_word && !fs::exists(input, ignored) ? builtin_clip(input) : open_clip(input);
+  if (is_on_disk(input)) return open_clip(input);
+  auto shape = builtin_clip(input);
+  if (shape) return shape;
+  return fail(ErrorCode::kNotFound, input + ": no such file or folder, and " + shape.error().message);
+}
+
+Result<void> check_input(const std::string& input) {
+  if (is_on_disk(input)) return {};
+  const auto shape = open_input(input);
+  return shape ? Result<void>() : shape.error();
 }
 
 Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,

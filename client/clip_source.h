@@ -20,8 +20,11 @@
 
 namespace eigencast {
 
-/// A built-in shape, path, folder or glob. Errors: those of open_clip.
+/// A built-in shape, path, folder or glob. Errors: kNotFound, those of open_clip.
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input);
+
+/// Whether there is one of that name, or it is a glob. Errors: kNotFound.
+Result<void> check_input(const std::string& input);
 
 /// The coefficients of all frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB), kCancelled,
 /// kNumerical. REQUIRES: asset.complete().

@@ -49,7 +49,7 @@ int run(int argc, char** argv) {
         open_source(options.scene.streams[i], &options.credentials[i], options, !options.headless, stop_wanted, log);
     if (!source) {
       eigencast::log(log, LogLevel::kError, source.error().message);
-      return clip_in(options.scene.streams[i]) ? kExitNoStream : kExitUsage;
+      return clip_in(options.scene.streams[i]) ? kExitFailed : kExitUsage;
     }
     all.push_back(source->get());
     sources.push_back(std::move(source).value());

@@ -25,6 +25,9 @@ Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::st
   const bool nothing = stream.empty() && contexts->find(raw.context) == nullptr && raw.context.empty();
   const std::string to = nothing ? kLocalBroker : stream;
   const auto meant = resolve_target(to, {}, raw.context, *contexts);
+  if (!meant && to.find('/') == std::string::npos && check_input(to))
+    return fail(ErrorCode::kInvalidArgument,
+                meant.error().message + "; the built-in shape: eigencast-client view " + to);
   if (!meant) return meant.error();
   const std::string broker = origin_of(meant->url);
   if (home.empty()) home = raw.context.empty() ? broker : origin_of(contexts->find(raw.context)->url);
@@ -64,6 +67,7 @@ Result<void> read_words(SceneDescription& scene) {
       return fail(ErrorCode::kInvalidArgument, word + ": a scene file names all streams; give it alone");
     if (wanted.kind == Wanted::Kind::kScene) return store(scene, read_scene_file(wanted.what));
     if (wanted.kind == Wanted::Kind::kClip) word = wanted.what;
+    if (const auto there = files_only ? check_input(*clip_in(word)) : Result<void>(); !there) return there;
     if (wanted.kind != Wanted::Kind::kStream) continue;
     if (const auto good = check_stream_word(word); !good) return good;
   }
@@ -81,6 +85,9 @@ Result<void> find_listed(const RawOptions& raw, ClientOptions& options) {
   if (!named.empty()) {
     const auto broker = parse_broker_url(named);
     if (!broker) return broker.error();
+    if (words.size() == 2 && !broker->stream.empty())
+      return fail(ErrorCode::kInvalidArgument, "list: " + named + " is a stream's URL; name the broker alone: " +
+                                                   named.substr(0, named.rfind("/" + broker->stream)));
     url = named.find("://") != std::string::npos ? named : broker->origin() + "/" + broker->stream;
   }
   return store(options.home, resolve(url, raw, home));

@@ -36,7 +36,7 @@ eigencast-client fox.glb --film fox.mp4                 # every picture at its t
 eigencast-client completion bash                        # or zsh: a script for your shell
 )";
 constexpr const char* kExitStatus = R"(0 good
-1 failed: no display, a file that cannot be written
+1 failed: no display, a file that cannot be read or written
 2 wrong usage
 4 no stream came, or the broker said no
 )";

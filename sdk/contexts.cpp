@@ -182,8 +182,10 @@ Result<Target> resolve_target(const std::string& to, const Credentials& given, c
     return fail(ErrorCode::kNotFound, "no context \"" + name + "\"; see: eigencast-sender context list");
   const bool is_url = has_scheme(to);
   if (context == nullptr && to.find('/') == std::string::npos) {
-    return fail(ErrorCode::kInvalidArgument,
-                "where to? Give http://host:7490/stream, or: eigencast-sender context add NAME http://host:7490");
+    const std::string what =
+        to.empty() ? "no stream is named" : to + ": a stream's name without its broker, and no file";
+    return fail(ErrorCode::kInvalidArgument, what + "; give http://host:7490/" + (to.empty() ? "stream" : to) +
+                                                 ", or: eigencast-sender context add NAME http://host:7490");
   }
   Target target{to, given};
   if (context == nullptr) return target;

@@ -118,8 +118,26 @@ TEST(Options, ResolverDefaultsToBudgetInTheWindow) {
 }
 
 TEST(Options, ViewTakesFilesAndShapes) {
-  const auto view = std::get<ClientOptions>(parsed({"view", "heart", "a/b.obj", "--lod", "0.5"}));
-  EXPECT_EQ(view.scene.streams, (std::vector<std::string>{"file:heart", "file:a/b.obj"}));
+  const testing::TemporaryFolder folder;
+  const std::string mesh = folder.file("b.obj");
+  std::ofstream(mesh) << "v 0 0 0\n";
+  const auto view = std::get<ClientOptions>(parsed({"view", "heart", mesh.c_str(), "a/*.obj", "--lod", "0.5"}));
+  EXPECT_EQ(view.scene.streams, (std::vector<std::string>{"file:heart", "file:" + mesh, "file:a/*.obj"}));
+  for (const char* missing : {"nosuchdir", "a/nosuchdir", "none.obj"}) {
+    ::testing::internal::CaptureStderr();
+    EXPECT_EQ(std::get<ExitNow>(parsed({"view", missing})).code, kExitUsage) << missing;
+    const std::string said = ::testing::internal::GetCapturedStderr();
+    for (const std::string& part : {std::string(missing), std::string("folder"), std::string("torus")})
+      EXPECT_NE(said.find(part), std::string::npos) << said;
+  }
+}
+
+TEST(Options, ANameWithoutABrokerSaysWhatToGive) {
+  ::testing::internal::CaptureStderr();
+  EXPECT_EQ(std::get<ExitNow>(parsed({"heart"})).code, kExitUsage);
+  const std::string said = ::testing::internal::GetCapturedStderr();
+  for (const char* part : {"heart: ", "http://host:7490/heart", "context add", "eigencast-client view heart"})
+    EXPECT_NE(said.find(part), std::string::npos) << said;
 }
 
 TEST(Options, ExistingPathsAreFilesOtherWordsStreams) {
@@ -163,8 +181,8 @@ TEST(Options, ListNamesABroker) {
   EXPECT_EQ(home({"list"}), "ws://127.0.0.1:7490 ");
   EXPECT_EQ(home({"list", "http://host", "--token", "t"}), "ws://host:80 t");
   EXPECT_EQ(home({"list", "host"}), "ws://host:7490 ");
-  EXPECT_EQ(home({"list", "host:81/a"}), "ws://host:81 ");
-  for (const auto& wrong : std::vector<std::vector<const char*>>{{"list", "a", "b"}, {"list", "--headless"}})
+  for (const auto& wrong : std::vector<std::vector<const char*>>{
+           {"list", "a", "b"}, {"list", "--headless"}, {"list", "host:81/a"}, {"list", "http://host/foo"}})
     EXPECT_EQ(std::get<ExitNow>(parsed(wrong)).code, kExitUsage);
   ::setenv("EIGENCAST_URL", "http://host:82/", 1);
   EXPECT_EQ(home({"list"}), "ws://host:82 ");
