@@ -135,7 +135,6 @@ class Viewer final : public WindowListener {
     const unsigned target = renderer_->offscreen_target(width_, height_);  // a back buffer is undefined after a swap
     renderer_->draw(camera_, session_->render_options(state_.style), width_, height_, target);
     overlay_->draw(overlay_content(), width_, height_, target, [this] { draw_panels(); });
-    requests_ = {};
     return write_png(path, Renderer::read_back(width_, height_, target, state_.style.transparent));
   }
 
@@ -173,6 +172,13 @@ class Viewer final : public WindowListener {
     if (wanted == nullptr || (repeated && !wanted->repeats)) return;
     wanted->apply({state_, camera_, session_->scene().lod()});
     do_what_keys_wanted();  // now, before the camera to copy moves on
+  }
+
+  void on_press(MouseButton, glm::vec2 at_px, const Modifiers&) override { on_button(at_px); }
+  void on_release(MouseButton) override { on_button(cursor_px_); }
+  /// A drag that begins on a panel is the panel's, however soon it leaves it.
+  void on_button(glm::vec2 at_px) {
+    if (overlay_ && width_ > 0) overlay_->take_button(at_px, overlay_content(), [this] { draw_panels(); });
   }
 
   void on_move(glm::vec2 at_px) override { cursor_px_ = at_px; }
@@ -365,11 +371,13 @@ class Viewer final : public WindowListener {
     } else if (has_bar()) {
       draw_past(*session_->rewind().bar(), state_, overlay_->scale());
     }
+    UiRequests made;
     if (session_->scene().instances().empty()) {
-      requests_ = draw_welcome(settings_.recent, to_open_, overlay_->scale());
+      made = draw_welcome(settings_.recent, to_open_, overlay_->scale());
     } else if (state_.panel) {
-      requests_ = draw_panel(*session_, state_, to_open_, overlay_->scale());
+      made = draw_panel(*session_, state_, to_open_, overlay_->scale());
     }
+    if (!made.open.empty() || made.remove) requests_ = made;
   }
 
   void write_what_is_wanted(bool scene_changed) {

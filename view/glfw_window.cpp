@@ -178,9 +178,7 @@ void GlfwWindow::on_button(int button, bool pressed, int modifiers) {
                             : button == GLFW_MOUSE_BUTTON_RIGHT ? MouseButton::kRight
                                                                 : MouseButton::kMiddle;
   if (!pressed) return listener_->on_release(which);
-  double x = 0, y = 0;
-  glfwGetCursorPos(window_, &x, &y);
-  listener_->on_press(which, pixels(x, y), modifiers_from(modifiers));
+  listener_->on_press(which, cursor_, modifiers_from(modifiers));  // the mouse itself may have moved on
   if (which == MouseButton::kLeft) detect_double_click();
 }
 

@@ -296,7 +296,7 @@ bool Overlay::wants_keys() const {
   return ImGui::GetIO().WantTextInput;
 }
 
-void Overlay::begin_frame(int width_px, int height_px) {
+void Overlay::begin_frame(int width_px, int height_px, std::optional<glm::vec2> mouse_px) {
   ImGui_ImplOpenGL3_NewFrame();
   if (has_window_) {
     ImGui_ImplGlfw_NewFrame();
@@ -304,6 +304,7 @@ void Overlay::begin_frame(int width_px, int height_px) {
     ImGui::GetIO().DisplaySize = {static_cast<float>(width_px), static_cast<float>(height_px)};
     ImGui::GetIO().DeltaTime = 1.0F / 60;
   }
+  if (mouse_px) ImGui::GetIO().MousePos = {mouse_px->x / scale_.pixels, mouse_px->y / scale_.pixels};
   // Of a window that is gone GLFW says what its memory held.
   constexpr float kLargest = 1 << 15;
   const ImVec2 said = ImGui::GetIO().DisplaySize;
@@ -323,6 +324,12 @@ void Overlay::lay_out(const OverlayContent& content, const std::function<void()>
   draw_banner(content, room);
   if (panels) panels();
   draw_help(content.help, room, content.left_px);
+}
+
+void Overlay::take_button(glm::vec2 at_px, const OverlayContent& content, const std::function<void()>& panels) {
+  begin_frame(0, 0, at_px);
+  lay_out(content, panels);
+  ImGui::EndFrame();
 }
 
 void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,

@@ -69,6 +69,10 @@ class Overlay final {
   void draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
             const std::function<void()>& panels = {});
 
+  /// A button was pressed or released there: panels learn it at once. ImGui looks at the mouse once a picture, when it
+  /// may be elsewhere.
+  void take_button(glm::vec2 at_px, const OverlayContent& content, const std::function<void()>& panels);
+
   void set_scale(TextScale scale) { wanted_ = scale; }
 
   bool wants_mouse() const;
@@ -77,7 +81,7 @@ class Overlay final {
 
  private:
   void use_scale(TextScale scale);
-  void begin_frame(int width_px, int height_px);
+  void begin_frame(int width_px, int height_px, std::optional<glm::vec2> mouse_px = {});
   void lay_out(const OverlayContent& content, const std::function<void()>& panels) const;
 
   bool has_window_;

@@ -254,9 +254,11 @@ TEST_F(TheWindow, CameraPathsMoveTheView) {
 /// Plays a clip and says which of its frames it gave last.
 class ObservedClip final : public PoseSource {
  public:
-  ObservedClip(std::shared_ptr<const BakedClip> clip, std::atomic<double>& frame)
-      : clip_(std::move(clip)), frame_(frame) {}
+  /// busy: the window waits while it is locked.
+  ObservedClip(std::shared_ptr<const BakedClip> clip, std::atomic<double>& frame, std::mutex& busy)
+      : clip_(std::move(clip)), frame_(frame), busy_(busy) {}
   std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override {
+    const std::lock_guard lock(busy_);
     std::vector<ReceivedPose> poses = clip_.poll(timeout);
     if (!poses.empty()) frame_.store(poses.back().coefficients[0]);
     return poses;
@@ -270,6 +272,7 @@ class ObservedClip final : public PoseSource {
  private:
   ClipSource clip_;
   std::atomic<double>& frame_;
+  std::mutex& busy_;
 };
 
 TEST_F(TheWindow, TimelineIsDraggedAndStepped) {
@@ -284,10 +287,14 @@ TEST_F(TheWindow, TimelineIsDraggedAndStepped) {
   clip->period_us = 100'000 * (kLast + 1);
   options_.settings = "";
   std::atomic<double> frame{-1};
+  std::mutex busy;
   const OpenSource open = [&](const std::string&) -> Result<std::unique_ptr<PoseSource>> {
-    return std::unique_ptr<PoseSource>(std::make_unique<ObservedClip>(clip, frame));
+    return std::unique_ptr<PoseSource>(std::make_unique<ObservedClip>(clip, frame, busy));
   };
   double dragged_to = -1, stepped_to = -1, ended_at = -1;
+  Picture before, after;
+  const auto start = std::filesystem::current_path();
+  std::filesystem::current_path(folder_.path());
   std::thread user([&] {
     EXPECT_TRUE(until([&] { return xdotool("search --onlyvisible --name Eigencast >/dev/null 2>&1"); }));
     EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
@@ -309,10 +316,25 @@ TEST_F(TheWindow, TimelineIsDraggedAndStepped) {
     xdotool("key End");
     EXPECT_TRUE(until([&] { return frame == kLast; }));
     ended_at = frame;
+    before = screenshot("f", "eigencast_0001.png");  // which hides the bar
+    xdotool("key f");
+    std::this_thread::sleep_for(std::chrono::seconds(4));  // the notice of the picture goes
+    {
+      // Between two pictures the mouse comes to the bar, presses, and goes far to the upper left.
+      const std::lock_guard lock(busy);
+      xdotool("mousemove 300 455 mousedown 1 mousemove 100 120");
+    }
+    EXPECT_TRUE(until([&] { return frame == 0; })) << "the bar is dragged to its beginning";
+    xdotool("mouseup 1 key End");
+    EXPECT_TRUE(until([&] { return frame == kLast; }));
+    after = screenshot("f", "eigencast_0002.png");
     stop_.store(true);
   });
   EXPECT_EQ(run_window(options_, {}, open, stop_, [](LogLevel, std::string_view) {}), kExitGood);
   user.join();
+  std::filesystem::current_path(start);
+  ASSERT_EQ(before.rgb.size(), after.rgb.size());
+  EXPECT_LT(testing::mean_difference(before, after), 0.5) << "the scene has not turned";
   EXPECT_EQ(stepped_to, dragged_to - 1);
   EXPECT_EQ(ended_at, kLast);
 }
