@@ -140,7 +140,7 @@ class QualityControl final {
   std::size_t next_trial_ = 0;
   bool trial_wanted_ = false;
   int pictures_ = 0, since_change_ = 0, since_trial_ = 0, late_ = 0, wait_ = kWait;
-  bool rose_ = false;      ///< By the last change.
+  bool rose_ = false;  ///< By the last change.
   VertexProbe probe_;
   double vertex_s_ = 0, few_s_ = 0;  ///< VertexProbe::Found at full quality.
   int since_probe_ = 0, probe_wait_ = 0;
