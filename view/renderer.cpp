@@ -104,9 +104,12 @@ class Renderer::Impl {
     if (part.empty()) return;
     target_.bind();
     glViewport(0, 0, drawn_width, drawn_height);
-    glEnable(GL_SCISSOR_TEST);
-    constexpr int kBeside = 3;  // what scaling up reads beside a part
-    glScissor(part.x - kBeside, part.y - kBeside, part.width + 2 * kBeside, part.height + 2 * kBeside);
+    const auto keep_to_part = [&part] {
+      constexpr int kBeside = 3;  // what scaling up reads beside a part
+      glEnable(GL_SCISSOR_TEST);
+      glScissor(part.x - kBeside, part.y - kBeside, part.width + 2 * kBeside, part.height + 2 * kBeside);
+    };
+    keep_to_part();
     glClearDepth(1);
     glDepthMask(GL_TRUE);
     glClearColor(0, 0, 0, 0);
@@ -121,7 +124,7 @@ class Renderer::Impl {
     if (options.transparent && quality.ground) {
       floor = {false, any, pixel_scale, drawn_width, drawn_height};
       surroundings_.draw_floor(camera, lighting_, floor);
-      glEnable(GL_SCISSOR_TEST);
+      keep_to_part();
     }
     if (options.axes) surroundings_.draw_axes(camera, pixel_scale);
     painter_.draw(markup_, clip_from_scene, drawn_width, drawn_height);

@@ -318,6 +318,10 @@ TEST_F(Render, TransparentPicturesHaveAlpha) {
   EXPECT_EQ(picture.alpha[index(2, 2)], 0);
   for (int c = 0; c < 3; ++c)
     EXPECT_NEAR(picture.pixel(kWidth / 2, kHeight / 2)[c], opaque.pixel(kWidth / 2, kHeight / 2)[c], 1);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x)
+      ASSERT_TRUE(!is_clay(opaque.pixel(x, y)) || picture.alpha[index(x, y)] > 0) << x << ", " << y;
+  }
   int partly = 0;
   for (const std::uint8_t a : picture.alpha) partly += a > 0 && a < 255 ? 1 : 0;
   EXPECT_GT(partly, 100) << "edges and the shadow";
