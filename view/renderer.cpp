@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "view/discs.h"
 #include "view/gl_objects.h"
 #include "view/gl_surface.h"
 #include "view/shaders.h"
@@ -70,6 +71,7 @@ class Renderer::Impl {
       }
     }
     if (!built) return built;
+    if (const Result<void> ready = discs_.init(); !ready) return ready;
     if (const Result<void> ready = painter_.init(); !ready) return ready;
     if (const Result<void> ready = lighting_.init(); !ready) return ready;
     return surroundings_.init();
@@ -118,7 +120,7 @@ class Renderer::Impl {
     lighting_.bind();
     glEnable(GL_DEPTH_TEST);
     const float pixel_scale = scale * options.pixel_scale;
-    draw_surfaces(camera, options, drawn_height, pixel_scale);
+    draw_surfaces(camera, options, drawn_width, drawn_height, pixel_scale);
     const glm::mat4 clip_from_scene = camera.clip_from_view() * camera.view_from_scene();
     if (options.edges && !options.points && !options.wireframe) draw_edges(clip_from_scene, pixel_scale);
     if (options.transparent && quality.ground) {
@@ -152,7 +154,7 @@ class Renderer::Impl {
     return program;
   }
 
-  void draw_surfaces(const Camera& camera, const RenderOptions& options, int height, float pixel_scale) {
+  void draw_surfaces(const Camera& camera, const RenderOptions& options, int width, int height, float pixel_scale) {
     const auto as_points = [&](const GlSurface& surface) { return surface.is_point_cloud() || options.points; };
     const GlProgram* ready = nullptr;
     const auto draw_meshes = [&] {
@@ -184,6 +186,12 @@ class Renderer::Impl {
     glEnable(GL_PROGRAM_POINT_SIZE);
     for (const auto& surface : surfaces_) {
       if (!surface->drawable() || !as_points(*surface)) continue;
+      if (surface->has_discs()) {
+        const glm::vec2 range(options.colour_range[0], options.colour_range[1]);
+        discs_.draw(*surface, camera, lighting_, {target_, {width, height}, pixel_scale, range});
+        ready = nullptr;
+        continue;
+      }
       const GlProgram& program = program_for(splat_, *surface, camera, options, ready);
       program.set("view_from_scene", camera.view_from_scene());
       program.set("clip_from_view", camera.clip_from_view());
@@ -192,21 +200,8 @@ class Renderer::Impl {
       surface->bind(program);
       const float scale = surface->is_point_cloud() ? 1.15F : 0.32F;
       program.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
-      program.set("discs", surface->has_discs() ? surface->scale() : 0.0F);
       surface->draw_points();
-      if (surface->has_discs() && options.quality.samples > 1) draw_points_over(*surface, program);
     }
-  }
-
-  /// Shade goes over from disc to disc. REQUIRES: they have been drawn.
-  static void draw_points_over(const GlSurface& surface, const GlProgram& program) {
-    program.set("over", 1.0F);
-    glEnable(GL_BLEND);
-    glDepthMask(GL_FALSE);
-    surface.draw_points();
-    glDepthMask(GL_TRUE);
-    glDisable(GL_BLEND);
-    program.set("over", 0.0F);
   }
 
   void draw_edges(const glm::mat4& clip_from_scene, float pixel_scale) const {
@@ -287,6 +282,7 @@ class Renderer::Impl {
     glDisable(GL_SCISSOR_TEST);
   }
 
+  DiscPainter discs_;
   MarkupPainter painter_;
   Lighting lighting_;
   Surroundings surroundings_;

@@ -75,12 +75,14 @@ vec4 faded(vec3 c) {
   float grey = dot(c, vec3(0.299, 0.587, 0.114));
   return vec4(mix(vec3(0.9 * grey + 0.06), c, colourfulness), 1.0);
 }
-vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
-  vec3 base = base_from_paint(painted, n, inside ? albedo_inside : albedo);
+vec4 lit(vec3 at, vec3 n, vec3 base, float key_shadow) {
   if (paint != 1 && paint != 3) return faded(shown(shaded(at, n, base, key_shadow)));
   float light = 0.60 + 0.13 * dot(n, up) + 0.34 * max(dot(n, key_light), 0.0) * key_shadow +
                 0.08 * max(dot(n, fill_light), 0.0);
   return faded(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)));
+}
+vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
+  return lit(at, n, base_from_paint(painted, n, inside ? albedo_inside : albedo), key_shadow);
 })";
 
 /// For all that receives the shadow: texels in a tent of `reach` to each side, which moves with the point and not with
@@ -172,10 +174,10 @@ uniform vec4 line_colour;
 out vec4 colour;
 void main() { colour = line_colour; })";
 
-/// Points as discs across their normal if the surface has radii (discs > 0, its scale). Discs sink towards their rim,
+/// Points of clouds without discs, and of meshes, as small balls with a depth and a normal per fragment. Discs of the
+/// browser: across their normal if the surface has radii (discs > 0, its scale). Discs sink towards their rim,
 /// so that each pixel shows the nearest disc (Schuetz, Wimmer 2015, "High-quality point-based rendering using fast
-/// single-pass interpolation"); drawn `over` these once more they fade towards it, so that no edge is seen. Others
-/// are small balls with a depth and a normal per fragment.
+/// single-pass interpolation"); drawn `over` these once more they fade towards it, so that no edge is seen.
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -240,6 +242,127 @@ void main() {
   if (dot(n, normalize(eye - scene_centre)) < (discs > 0.0 ? -0.3 : 0.0)) n = -n;
   float shadow = dot(n, key_light) > 0.0 ? lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002, 2.0) : 0.0;
   colour = finished(scene_centre, n, painted, false, shadow);
+  colour.a = cover;
+})";
+
+/// Points as discs across their normal (Botsch, Hornung, Zwicker, Kobbelt 2005, "High-quality surface splatting on
+/// today's GPUs"): first the depth of what is seen, then sums of what the discs there say, weighted by a kernel that is
+/// zero at their rim, then light, once a pixel.
+inline constexpr const char* kDiscVertex = R"(
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 3) in float disc_radius;
+uniform mat4 scene_from_surface, view_from_scene, clip_from_view;
+uniform mat3 scene_from_normal;
+uniform float discs, px_per_unit, pixel_scale;  // discs: scale of radii
+uniform float reach;  // of a disc's radius
+flat out vec3 centre, plane;
+flat out float r, point_px, towards;
+vec3 place() {
+  vec3 at = (scene_from_surface * vec4(position, 1.0)).xyz;
+  vec3 n = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0, 0.0, 1.0);
+  vec4 view = view_from_scene * vec4(at, 1.0);
+  centre = view.xyz;
+  plane = mat3(view_from_scene) * n;
+  towards = dot(plane, normalize(centre)) > 0.3 ? 0.0 : 1.0;  // seen from behind, and not at the rim
+  if (towards == 0.0) plane = -plane;
+  r = max(reach * discs * disc_radius, 1e-6 * abs(view.z));
+  gl_Position = clip_from_view * view;
+  point_px = max(2.0 * r * px_per_unit / max(-view.z, 1e-6), 1.5 * pixel_scale);
+  gl_PointSize = point_px;
+  return at;
+}
+)";
+inline constexpr const char* kDiscSeenVertex = R"(
+void main() { place(); })";
+inline constexpr const char* kDiscSumVertex = R"(
+layout(location = 2) in vec3 vertex_paint;
+uniform float normal_offset;
+flat out vec4 facing;
+flat out vec3 base;
+void main() {
+  vec3 at = place(), n = transpose(mat3(view_from_scene)) * plane;
+  float key = dot(n, key_light) > 0.0 ? lit_by_key(at + 2.5 * normal_offset * n, 0.002, 2.0) : 0.0;
+  facing = vec4(plane.xy, key, 1.0);
+  base = base_from_paint(vertex_paint, n, albedo);
+})";
+inline constexpr const char* kDiscFragment = R"(
+flat in vec3 centre, plane;
+flat in float r, point_px, towards;
+/// Where the ray of this fragment meets the disc; its square distance from the centre, in radii.
+vec4 on_disc() {
+  vec2 disc = 2.0 * gl_PointCoord - 1.0;
+  disc.y = -disc.y;
+  float rr = dot(disc, disc);
+  if (rr > 1.0) discard;
+  vec3 beside = centre + r * vec3(disc, 0.0);
+  float along = dot(beside, plane);
+  // Grazing discs keep a pixel's width, so that silhouettes have no holes.
+  float width = 2.0 / point_px * abs(centre.z) / max(length(centre), 1e-6);
+  float t = abs(along) > 1e-6 * length(beside) ? dot(centre, plane) / along : 1.0;
+  vec3 off = beside * t - centre;
+  float far = dot(off, off) / (r * r);
+  if (far <= 1.0) return vec4(beside * t, far);
+  if (abs(dot(normalize(centre), plane)) > 0.3 || abs(dot(disc, normalize(plane.xy + 1e-9))) > width) discard;
+  return vec4(beside, rr);
+}
+)";
+/// Discs sink towards their rim, so that they do not hide their neighbours.
+inline constexpr const char* kDiscSeenFragment = R"(
+uniform mat4 clip_from_view;
+out vec4 outside;
+void main() {
+  vec4 at = on_disc();
+  at.xyz *= 1.0 + r * (0.35 + 0.7 * at.w) / length(at.xyz);
+  outside = vec4(towards);
+  vec4 clip = clip_from_view * vec4(at.xyz, 1.0);
+  gl_FragDepth = 0.5 * clip.z / clip.w + 0.5;
+})";
+inline constexpr const char* kDiscDistance = R"(
+uniform sampler2D seen, outside;  // depth; 0: of a disc that looks away, seen through a hole or turned wrongly
+uniform vec2 near_far;
+float distance_of(float depth) { return near_far.x * near_far.y / (near_far.y - depth * (near_far.y - near_far.x)); }
+)";
+inline constexpr const char* kDiscSumFragment = R"(
+flat in vec4 facing;
+flat in vec3 base;
+layout(location = 0) out vec4 facing_sum;
+layout(location = 1) out vec4 base_sum;
+void main() {
+  vec4 at = on_disc();
+  float depth = texelFetch(seen, ivec2(gl_FragCoord.xy), 0).r, there = (1.0 - at.w) * (1.0 - at.w), weight = there;
+  if (depth < 1.0) {
+    float before = (distance_of(depth) + at.z) / r;
+    weight *= smoothstep(0.0, 0.25, before);
+    if (texelFetch(outside, ivec2(gl_FragCoord.xy), 0).r > 0.5) weight *= 1.0 - smoothstep(2.0, 3.0, before);
+    if (towards == 0.0) weight *= 0.03;
+  }
+  facing_sum = weight * facing;
+  base_sum = vec4(weight * base, there);
+})";
+inline constexpr const char* kDiscShadeFragment = R"(
+uniform sampler2D facing_sum, base_sum;
+uniform mat4 view_from_scene;
+uniform vec2 ray;  // per unit of clip space, at distance 1
+in vec2 uv;
+out vec4 colour;
+void main() {
+  ivec2 px = ivec2(gl_FragCoord.xy);
+  vec4 sum = texelFetch(facing_sum, px, 0), base = texelFetch(base_sum, px, 0);
+  // Of all discs, seen or not: where others are behind, the rim of a disc is no silhouette.
+  float cover = clamp((base.w - 0.4) / max(fwidth(base.w), 1e-3) + 0.5, 0.0, 1.0);
+  float depth = texelFetch(seen, px, 0).r;  // or that of a disc beside it
+  for (int i = 0; depth == 1.0 && cover > 0.0 && i < 16; ++i) {
+    float a = 0.7853982 * float(i), reach = i < 8 ? 3.0 : 7.0;
+    depth = min(depth, texelFetch(seen, px + ivec2(round(reach * vec2(cos(a), sin(a)))), 0).r);
+  }
+  if (cover == 0.0 || depth == 1.0 || sum.w == 0.0) discard;
+  gl_FragDepth = depth;
+  vec2 xy = sum.xy / sum.w;
+  mat3 scene_from_view = transpose(mat3(view_from_scene));
+  vec3 n = scene_from_view * normalize(vec3(xy, sqrt(max(1.0 - dot(xy, xy), 0.0))));
+  vec3 at = eye + scene_from_view * (distance_of(depth) * vec3((2.0 * uv - 1.0) * ray, -1.0));
+  colour = lit(at, n, base.rgb / sum.w, sum.z / sum.w);
   colour.a = cover;
 })";
 

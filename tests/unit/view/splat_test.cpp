@@ -159,5 +159,37 @@ TEST_F(SplatPictures, SparseCloudsLookLikeTheSurface) {
   }
 }
 
+// Of the pixels within the surface few are darker or lighter than the one before by more than its own shade ever is.
+TEST_F(SplatPictures, DiscsHaveNoEdges) {
+  const ShownHeart mesh(false, 1);
+  frame(mesh.view.facts());
+  const Picture truth = picture_of(mesh);
+  const auto step = [](const Picture& picture, int x, int y) {
+    int largest = 0;
+    for (int c = 0; c < 3; ++c)
+      largest = std::max(largest, std::abs(int{picture.pixel(x, y)[c]} - int{picture.pixel(x - 1, y)[c]}));
+    return largest;
+  };
+  const auto is_within = [&truth](int x, int y) {
+    for (const auto& [dx, dy] : {std::pair(-9, 0), std::pair(9, 0), std::pair(0, -9), std::pair(0, 9)}) {
+      if (!is_clay(truth.pixel(std::clamp(x + dx, 0, kWidth - 1), std::clamp(y + dy, 0, kHeight - 1)))) return false;
+    }
+    return true;
+  };
+  for (const double fraction : {1.0, 0.1, 0.05}) {
+    const Picture points = picture_of(ShownHeart(true, fraction));
+    int within = 0, edges = 0;
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 1; x < kWidth; ++x) {
+        if (!is_within(x, y)) continue;
+        ++within;
+        edges += step(points, x, y) > step(truth, x, y) + 12;
+      }
+    }
+    ASSERT_GT(within, 5000);
+    EXPECT_LT(edges, 0.005 * within) << fraction;
+  }
+}
+
 }  // namespace
 }  // namespace eigencast
