@@ -44,7 +44,8 @@ class PartOfClip final : public MotionClip {
     for (Face& face : rest_.faces) {
       for (std::uint32_t& corner : face) corner = prefix_corner(prefix->map, corner, N);
     }
-    if (appearance_) appearance_ = Appearance{chosen(stated_colours(clip_->rest(), *appearance_)), {}, {}, {}, {}, {}};
+    if (appearance_)
+      appearance_ = Appearance{chosen(stated_colours(clip_->rest(), *appearance_)), {}, {}, {}, {}, {}, {}};
     return {};
   }
 

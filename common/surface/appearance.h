@@ -10,6 +10,10 @@
 
 namespace eigencast {
 
+/// Whether the corners that share a vertex have one normal in their file, so that it is smooth there, or several: its
+/// edges are hard. kNone: a corner has none.
+enum class VertexNormals : std::uint8_t { kNone, kAgree, kDiffer };
+
 /// Colours and textures of a surface, as its file states them. By corner where a seam gives one vertex several texture
 /// coordinates. Empty arrays: not stated.
 struct Appearance {
@@ -24,6 +28,7 @@ struct Appearance {
     int image = -1;                                ///< Has the base colour; -1: none.
   };
   std::vector<std::array<std::uint8_t, 3>> vertex_colour;          ///< n: sRGB.
+  std::vector<VertexNormals> vertex_normals;                       ///< n.
   std::vector<std::array<std::array<float, 2>, 3>> corner_uv;      ///< F x 3: first set of texture coordinates.
   std::vector<std::array<std::array<float, 4>, 3>> corner_colour;  ///< F x 3: linear RGBA.
   std::vector<int> face_material;                                  ///< F; -1: none.

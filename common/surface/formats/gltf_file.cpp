@@ -228,7 +228,7 @@ Result<GltfNumbers::Span> GltfNumbers::span(int view_index, std::uint64_t offset
   return Span{reinterpret_cast<const char*>(bytes.data()) + view->byteOffset + offset, stride};
 }
 
-Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::size_t other_width) {
+Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::size_t other_width, Values values) {
   const std::string name = "accessor " + std::to_string(index);
   const tinygltf::Accessor* found = element(model_.accessors, index);
   if (found == nullptr) return corrupt_gltf("no " + name);
@@ -265,7 +265,7 @@ Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::
     if (const auto applied = apply_sparse(accessor, element_bytes, array); !applied)
       return in_context(name, applied.error());
   }
-  for (std::size_t i = 0; i < array.values.size(); ++i) {
+  for (std::size_t i = 0; values == Values::kFinite && i < array.values.size(); ++i) {
     if (!std::isfinite(array.values[i]))
       return corrupt_gltf(name + ": element " + std::to_string(i / array.width) + " is not finite");
   }

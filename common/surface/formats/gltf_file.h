@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/core/result.h"
+#include "common/surface/surface.h"
 
 /// Private to common/surface.
 namespace eigencast {
@@ -41,11 +42,12 @@ class GltfNumbers {
   struct Array {
     std::size_t count = 0;
     std::size_t width = 0;       ///< Components of an element.
-    std::vector<double> values;  ///< count x width, finite.
+    std::vector<double> values;  ///< count x width.
   };
+  enum class Values { kFinite, kAny };
   /// An accessor whose elements have one of two widths (16: a matrix by columns). Normalised integers are scaled.
   /// Errors: kCorrupt, kTooLarge.
-  Result<Array> read(int accessor, std::size_t width, std::size_t other_width = 0);
+  Result<Array> read(int accessor, std::size_t width, std::size_t other_width = 0, Values values = Values::kFinite);
   Result<std::vector<std::uint32_t>> read_indices(int accessor);    ///< SCALAR, of unsigned integers.
   std::size_t count(int accessor) const;                            ///< 0: no such accessor.
   Result<std::vector<std::uint8_t>> bytes_of_view(int view) const;  ///< Errors: kCorrupt.
@@ -59,7 +61,7 @@ class GltfNumbers {
   Result<void> apply_sparse(const tinygltf::Accessor& accessor, std::size_t element_bytes, Array& array) const;
 
   const tinygltf::Model& model_;
-  std::uint64_t values_left_ = std::uint64_t{1} << 27;
+  std::uint64_t values_left_ = (std::uint64_t{1} << 27) + 3 * kMaxSurfaceVertices;  // these: normals
 };
 
 }  // namespace eigencast

@@ -7,6 +7,8 @@
 #include <string>
 #include <tuple>
 
+#include "common/surface/vertex_normals.h"
+
 namespace eigencast {
 namespace {
 
@@ -69,12 +71,18 @@ Welds find_welds(const GltfParts& parts) {
   return welds;
 }
 
-void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) {
+void renumber_faces(const GltfParts& parts, const Welds& welds, GltfScene& scene) {
+  const std::vector<std::uint32_t>& number = welds.number;
   Appearance& appearance = scene.appearance;
+  VertexNormalsFinder finder(welds.representative.size());
   std::size_t kept = 0;
   for (std::size_t f = 0; f < scene.faces.size(); ++f) {
     const Face face{number[scene.faces[f][0]], number[scene.faces[f][1]], number[scene.faces[f][2]]};
     if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) continue;
+    for (const std::uint32_t v : scene.faces[f]) {
+      const std::vector<Vec3>& normals = parts.of(v).normals;
+      finder.add_corner(number[v], normals.empty() ? Vec3{} : normals[parts.local(v)]);
+    }
     scene.faces[kept] = face;
     if (!appearance.corner_uv.empty()) appearance.corner_uv[kept] = appearance.corner_uv[f];
     if (!appearance.corner_colour.empty()) appearance.corner_colour[kept] = appearance.corner_colour[f];
@@ -85,6 +93,7 @@ void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) 
     scene.notes.push_back(std::to_string(scene.faces.size() - kept) +
                           " faces with two corners at one position left out");
   }
+  appearance.vertex_normals = finder.take();
   scene.faces.resize(kept);
   appearance.face_material.resize(kept);
   if (!appearance.corner_uv.empty()) appearance.corner_uv.resize(kept);
@@ -171,7 +180,7 @@ void weld(const GltfParts& parts, GltfScene& scene) {
     scene.notes.push_back(std::to_string(welds.torn) +
                           " vertices share a position with one that moves otherwise; they stay apart");
   }
-  renumber_faces(welds.number, scene);
+  renumber_faces(parts, welds, scene);
   fill_rig(parts, welds.representative, scene);
 }
 

@@ -189,6 +189,13 @@ class Builder {
     if (has_faces) {
       if (const auto good = store(faces, faces_of(primitive, n)); !good) return good;
       if (const auto added = add_corners(primitive, faces, n); !added) return added;
+      const auto normal_at = primitive.attributes.find("NORMAL");
+      if (normal_at != primitive.attributes.end()) {
+        const auto normals = numbers_.read(normal_at->second, 3, 0, GltfNumbers::Values::kAny);
+        if (!normals) return normals.error();
+        if (normals->count != n) return corrupt_gltf("normals are not one a vertex");
+        part.normals = to_vectors(*normals);
+      }
     }
     const auto base = static_cast<std::uint32_t>(parts_.vertices());
     for (const Face& f : faces) scene_.faces.push_back({f[0] + base, f[1] + base, f[2] + base});

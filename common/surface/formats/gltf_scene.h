@@ -63,6 +63,7 @@ Result<GltfScene> gltf_scene_from_model(const tinygltf::Model& model, GltfNumber
 struct GltfPart {
   std::size_t node = 0;
   std::vector<Vec3> positions;
+  std::vector<Vec3> normals;                            ///< As many, or none.
   std::vector<std::vector<Rig::Influence>> influences;  ///< Sorted by bone.
   std::vector<std::vector<Vec3>> offsets;               ///< Hold each morph target's.
 };
@@ -86,8 +87,9 @@ class GltfParts {
 };
 
 /// Merges vertices at one position that always move alike, and fills the rig's vertices. Drops faces that collapse,
-/// with their corners' appearance; the scene's notes say what was done. REQUIRES: the scene's faces are of the parts'
-/// vertices; its appearance has a material for each face, and coordinates and colours for each or none.
+/// with their corners' appearance, and finds where the others' normals agree; the scene's notes say what was done.
+/// REQUIRES: the scene's faces are of the parts' vertices; its appearance has a material for each face, and coordinates
+/// and colours for each or none.
 void weld(const GltfParts& parts, GltfScene& scene);
 
 }  // namespace eigencast

@@ -11,6 +11,7 @@
 #include "common/core/text.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/parsed_mesh.h"
+#include "common/surface/vertex_normals.h"
 
 namespace eigencast {
 namespace {
@@ -42,6 +43,7 @@ class ObjParser {
       if (keyword == "v") taken = take_vertex(rest);
       if (keyword == "f") taken = take_face(rest);
       if (keyword == "vt") take_uv(rest);
+      if (keyword == "vn") take_normal(rest);
       if (keyword == "usemtl") take_material(rest);
       if (keyword == "mtllib") mesh_.material_files.emplace_back(trimmed(rest));
       if (!taken) return taken.error();
@@ -52,6 +54,7 @@ class ObjParser {
                                               ", but there are " + std::to_string(vertex_count()));
     }
     resolve_uvs();
+    resolve_normals();
     if (!any_material_) mesh_.material.clear();
     return finished(std::move(mesh_));
   }
@@ -89,6 +92,16 @@ class ObjParser {
     uvs_.push_back(uv);
   }
 
+  // What is not a direction becomes none, likewise.
+  void take_normal(std::string_view rest) {
+    std::array<float, 3> normal{};
+    for (float& part : normal) {
+      const auto value = text::coordinate_from_token(text::take_token(rest));
+      part = value ? static_cast<float>(*value) : std::numeric_limits<float>::quiet_NaN();
+    }
+    normals_.push_back(normal);
+  }
+
   void take_material(std::string_view rest) {
     const std::string name(trimmed(rest));
     const auto [at, fresh] = number_of_material_.try_emplace(name, static_cast<int>(mesh_.material_names.size()));
@@ -96,20 +109,22 @@ class ObjParser {
     material_ = at->second;
   }
 
-  // The number of the UV in "7/8/9", from 1; 0 where none is stated.
-  std::uint32_t uv_of(std::string_view token) const {
-    const std::size_t slash = token.find('/');
-    if (slash == std::string_view::npos) return 0;
-    const std::string_view rest = token.substr(slash + 1);
-    const auto stated = text::integer_from_token(rest.substr(0, std::min(rest.find('/'), rest.size())));
-    const auto count = static_cast<std::int64_t>(uvs_.size());
-    const std::int64_t index = !stated ? 0 : *stated < 0 ? count + 1 + *stated : *stated;
+  // The number, from 1, that is the `part`-th of "7/8/9", counted from 0 and back from `count`; 0: none is stated.
+  static std::uint32_t number_in(std::string_view token, std::size_t part, std::size_t count) {
+    for (; part > 0; --part) {
+      const std::size_t slash = token.find('/');
+      if (slash == std::string_view::npos) return 0;
+      token.remove_prefix(slash + 1);
+    }
+    const auto stated = text::integer_from_token(token.substr(0, std::min(token.find('/'), token.size())));
+    const std::int64_t index = !stated ? 0 : *stated < 0 ? static_cast<std::int64_t>(count) + 1 + *stated : *stated;
     return index < 1 || index > std::numeric_limits<std::uint32_t>::max() ? 0 : static_cast<std::uint32_t>(index);
   }
 
   Result<void> take_face(std::string_view rest) {
     corners_.clear();
     corner_uvs_.clear();
+    corner_normals_.clear();
     for (std::string_view token = text::take_token(rest); !token.empty(); token = text::take_token(rest)) {
       const auto stated = text::integer_from_token(token.substr(0, std::min(token.find('/'), token.size())));
       // Negative: counted back from the vertex read last.
@@ -123,11 +138,13 @@ class ObjParser {
         line_of_largest_ = lines_.number();
       }
       corners_.push_back(static_cast<std::uint32_t>(index - 1));
-      corner_uvs_.push_back(uv_of(token));
+      corner_uvs_.push_back(number_in(token, 1, uvs_.size()));
+      corner_normals_.push_back(number_in(token, 2, normals_.size()));
     }
     if (const auto corners = check_corners(corners_.size(), lines_.number()); !corners) return corners.error();
     add_fan(corners_, mesh_.surface.faces);
     add_fan(corner_uvs_, face_uvs_);
+    add_fan(corner_normals_, face_normals_);
     mesh_.material.resize(mesh_.surface.faces.size(), material_);
     any_material_ |= material_ >= 0;
     return {};
@@ -145,11 +162,26 @@ class ObjParser {
     }
   }
 
+  void resolve_normals() {
+    if (normals_.empty()) return;
+    VertexNormalsFinder finder(mesh_.surface.vertex_count());
+    for (std::size_t f = 0; f < face_normals_.size(); ++f) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t number = face_normals_[f][k];
+        Vec3 normal{};
+        if (number > 0 && number <= normals_.size()) std::copy_n(normals_[number - 1].begin(), 3, normal.begin());
+        finder.add_corner(mesh_.surface.faces[f][k], normal);
+      }
+    }
+    mesh_.normals = finder.take();
+  }
+
   text::Lines lines_;
   ParsedMesh mesh_;
-  std::vector<std::uint32_t> corners_, corner_uvs_;  // of the face at hand; UVs count from 1
+  std::vector<std::uint32_t> corners_, corner_uvs_, corner_normals_;  // of the face at hand; the last two from 1
   std::vector<std::array<float, 2>> uvs_;
-  std::vector<Face> face_uvs_;  // of each triangle
+  std::vector<std::array<float, 3>> normals_;
+  std::vector<Face> face_uvs_, face_normals_;  // of each triangle
   std::map<std::string, int> number_of_material_;
   int material_ = -1;
   bool any_material_ = false;
@@ -212,6 +244,7 @@ Result<ParsedMesh> parse_obj(std::string_view bytes) {
 
 void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appearance& appearance) {
   appearance.vertex_colour = mesh.colours;
+  appearance.vertex_normals = mesh.normals;
   appearance.corner_uv = mesh.corner_uv;
   if (mesh.material.empty() || mesh.material_files.size() > kMaxFiles) return;
   std::map<std::string, Material, std::less<>> materials;

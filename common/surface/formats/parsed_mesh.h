@@ -21,6 +21,7 @@ namespace eigencast {
 struct ParsedMesh {
   Surface surface;
   std::vector<std::array<std::uint8_t, 3>> colours{};            ///< sRGB; as many as positions, or none.
+  std::vector<VertexNormals> normals{};                          ///< As many, or none.
   std::vector<std::array<std::array<float, 2>, 3>> corner_uv{};  ///< A triangle each, or none; NaN: no UV.
   std::vector<int> material{};                                   ///< A triangle each, of material_names; -1: none.
   std::vector<std::string> material_names{}, material_files{};   ///< As the file calls them.

@@ -12,6 +12,7 @@
 #include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/parsed_mesh.h"
+#include "common/surface/vertex_normals.h"
 
 namespace eigencast {
 namespace {
@@ -125,6 +126,7 @@ class PlyParser {
       add_fan(corners.first(count), mesh_.surface.faces);
       corners = corners.subspan(count);
     }
+    resolve_normals();
     return finished(std::move(mesh_));
   }
 
@@ -229,7 +231,10 @@ class PlyParser {
                                              std::to_string(bytes_.size()) + " bytes after it can hold");
       }
       if (used) end_of_use_ = &element + 1;
-      if (element.name == "vertex") has_vertices_ = true;
+      if (element.name != "vertex") continue;
+      has_vertices_ = true;
+      has_normals_ = std::any_of(element.properties.begin(), element.properties.end(),
+                                 [](const Property& property) { return property.name == "nx"; });
     }
     if (!has_vertices_) return fail(ErrorCode::kCorrupt, "the header has no vertex element");
     if (end_of_use_ == elements_.data() + elements_.size()) end_of_use_ = nullptr;
@@ -244,6 +249,7 @@ class PlyParser {
     Vec3 p{};
     unsigned found = 0, coloured = 0;
     std::array<double, 3> colour{};
+    std::array<float, 3> normal{};
     for (const Property& property : element.properties) {
       if (property.list_count != nullptr) {
         const bool named = property.name == "vertex_indices" || property.name == "vertex_index";
@@ -253,6 +259,7 @@ class PlyParser {
       const auto value = body.take(*property.scalar);
       if (!value) return broken(element, i, property);
       if (is_vertex) coloured |= take_colour(property, *value, colour);
+      if (is_vertex) take_normal(property, *value, normal);
       if (!is_vertex || property.name.size() != 1 || property.name[0] < 'x' || property.name[0] > 'z') continue;
       const auto axis = static_cast<std::size_t>(property.name[0] - 'x');
       if (!(std::abs(*value) <= static_cast<double>(std::numeric_limits<float>::max()))) {
@@ -266,6 +273,7 @@ class PlyParser {
       if (found != 7) return fail(ErrorCode::kCorrupt, "the vertices lack one of x, y, z");
       mesh_.surface.positions.push_back(p);
       if (coloured == 7) mesh_.colours.push_back(colour_from_parts(colour));
+      if (has_normals_) normals_.push_back(normal);
     }
     return {};
   }
@@ -279,6 +287,16 @@ class PlyParser {
     const Scalar& type = *property.scalar;
     colour[channel] = value / (type.is_float ? 1 : std::exp2(8.0 * static_cast<double>(type.bytes)) - 1);
     return 1U << channel;
+  }
+
+  // nx, ny, nz; of one that is no number of 32 bits nothing is made.
+  static void take_normal(const Property& property, double value, std::array<float, 3>& normal) {
+    constexpr std::array<std::string_view, 3> kAxes{"nx", "ny", "nz"};
+    const auto at = std::find(kAxes.begin(), kAxes.end(), property.name);
+    if (at == kAxes.end()) return;
+    constexpr double kMax = std::numeric_limits<float>::max();
+    normal[static_cast<std::size_t>(at - kAxes.begin())] =
+        std::abs(value) <= kMax ? static_cast<float>(value) : std::numeric_limits<float>::quiet_NaN();
   }
 
   enum class Indices { kNone, kPolygon, kStrips };
@@ -340,6 +358,17 @@ class PlyParser {
     return {};
   }
 
+  // Of vertices: those that a file wants apart are vertices of their own.
+  void resolve_normals() {
+    const std::size_t n = mesh_.surface.vertex_count();
+    if (normals_.size() != n) return;
+    VertexNormalsFinder finder(n);
+    for (const Face& face : mesh_.surface.faces) {
+      for (const std::uint32_t v : face) finder.add_corner(v, {normals_[v][0], normals_[v][1], normals_[v][2]});
+    }
+    mesh_.normals = finder.take();
+  }
+
   static constexpr std::size_t kMaxElements = 64;
   static constexpr std::size_t kMaxProperties = 256;
 
@@ -348,7 +377,8 @@ class PlyParser {
   Encoding encoding_ = Encoding::kText;
   std::vector<Element> elements_;
   const Element* end_of_use_ = nullptr;  // null: all are used
-  bool has_vertices_ = false;
+  bool has_vertices_ = false, has_normals_ = false;
+  std::vector<std::array<float, 3>> normals_;
   std::vector<std::uint32_t> corners_;
   std::vector<std::uint32_t> corner_counts_;
   ParsedMesh mesh_;
