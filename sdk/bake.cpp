@@ -76,6 +76,7 @@ std::vector<std::vector<Vec3>> poses_of_levels(const Surface& surface, const Kno
 
 struct PlannedAppearance {
   std::vector<std::array<std::uint8_t, 3>> colours;
+  std::vector<std::uint8_t> normals;  // as the asset has them
   std::optional<TexturePlan> texture;
   std::string report;
 };
@@ -89,6 +90,8 @@ PlannedAppearance planned_appearance(const Surface& surface, const std::vector<b
         formatted("orientation: %td of %zu faces turned, since neighbours contradicted\n", count, turned.size());
   if (stated == nullptr) return appearance;
   appearance.colours = stated_colours(surface, *stated);
+  if (stated->vertex_normals.size() == surface.vertex_count() && !surface.is_point_cloud())
+    for (const VertexNormals own : stated->vertex_normals) appearance.normals.push_back(static_cast<std::uint8_t>(own));
   appearance.texture = plan_texture(surface, *stated, appearance.report);
   if (appearance.texture) turn_faces(turned, appearance.texture->uvs);
   return appearance;
@@ -212,6 +215,7 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
     stream.update({reinterpret_cast<const std::uint8_t*>(samples->positions.data()),
                    static_cast<std::size_t>(samples->positions.size()) * sizeof(double)});
   if (!appearance.colours.empty()) stream.update(view(appearance.colours));
+  if (!appearance.normals.empty()) stream.update(view(appearance.normals));
   if (appearance.texture) {
     stream.update(view(appearance.texture->low));
     stream.update(view(appearance.texture->high));
@@ -306,6 +310,9 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   }
   if (!appearance.colours.empty()) {
     for (const std::uint32_t source : order.order) asset.colours.push_back(appearance.colours[source]);
+  }
+  if (!appearance.normals.empty()) {
+    for (const std::uint32_t source : order.order) asset.normals.push_back(appearance.normals[source]);
   }
   if (appearance.texture) asset.texture = texture_along(order, *appearance.texture);
   asset.map = std::move(order.map);

@@ -7,6 +7,7 @@
 
 #include "common/core/text.h"
 #include "common/reconstruction/reconstruct.h"
+#include "common/surface/appearance.h"
 #include "common/surface/checks/check.h"
 
 namespace eigencast {
@@ -85,6 +86,10 @@ std::string report_of(const BakeResult& result, const BakeFacts& facts) {
     report += formatted("; %.2g %% of the diagonal off (rms) at the fewest", 100 * double{errors.front().rms});
   report += '\n';
   if (!result.asset.colours.empty()) report += "colours: one for each vertex\n";
+  if (const auto& own = result.asset.normals; !own.empty())
+    report +=
+        formatted("normals: the file's own, hard at %td of %zu vertices\n",
+                  std::count(own.begin(), own.end(), static_cast<std::uint8_t>(VertexNormals::kDiffer)), own.size());
   report += formatted("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
                       result.encoded.chunks.size(), result.encoded.manifest.id.hex().c_str());
   report += formatted("baked in %.1f s, with about %.0f MB of memory\n", seconds, bytes / 1e6);

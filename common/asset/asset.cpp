@@ -114,6 +114,13 @@ Result<void> check_colours(const Asset& a) {
   return corrupt_asset("there are colours, but not one for each row");
 }
 
+Result<void> check_normals(const Asset& a) {
+  const auto is_known = [](std::uint8_t value) { return value < Asset::kNormalsValues; };
+  if (a.normals.empty()) return {};
+  if (a.normals.size() == a.vertex_count && std::all_of(a.normals.begin(), a.normals.end(), is_known)) return {};
+  return corrupt_asset("there are normals, but not one of three values for each row");
+}
+
 }  // namespace
 
 std::array<float, 2> AssetTexture::uv(std::uint32_t wedge) const {
@@ -239,7 +246,8 @@ Result<void> validate_texture(const AssetTexture& t, const Asset& asset) {
 
 Result<void> validate_asset(const Asset& asset) {
   if (auto facts = check_facts(asset); !facts) return in_context("asset", facts.error());
-  for (auto* check : {check_shapes, check_rows, check_faces, check_splats, check_detail, check_colours}) {
+  for (auto* check :
+       {check_shapes, check_rows, check_faces, check_splats, check_detail, check_colours, check_normals}) {
     if (auto result = check(asset); !result) return in_context("asset", result.error());
   }
   return asset.texture ? validate_texture(*asset.texture, asset) : Result<void>();

@@ -121,7 +121,11 @@ struct Asset : AssetFacts {
   };
   Detail detail;                                     ///< n or nothing
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< n or nothing: of the vertices, sRGB.
-  std::shared_ptr<const AssetTexture> texture;       ///< Null where there is none, and until all chunks are there.
+  /// n or nothing: whether the source's own normals at a vertex are none (0); one, so that it is smooth (1); or
+  /// several, so that its edges are hard (2).
+  std::vector<std::uint8_t> normals;
+  static constexpr std::uint8_t kNormalsValues = 3;
+  std::shared_ptr<const AssetTexture> texture;  ///< Null where there is none, and until all chunks are there.
 
   /// What quantising may move vertices by (rms, model units) for the wish that it was baked for; 0: none. A sender's
   /// affair: known where it was baked, found in the cache, or read from a folder.

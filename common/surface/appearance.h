@@ -11,7 +11,7 @@
 namespace eigencast {
 
 /// Whether the corners that share a vertex have one normal in their file, so that it is smooth there, or several: its
-/// edges are hard. kNone: a corner has none.
+/// edges are hard. kNone: a corner has none. Values are those of Asset::normals.
 enum class VertexNormals : std::uint8_t { kNone, kAgree, kDiffer };
 
 /// Colours and textures of a surface, as its file states them. By corner where a seam gives one vertex several texture

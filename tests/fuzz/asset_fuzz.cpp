@@ -89,7 +89,8 @@ void write_and_read(const Asset& asset) {
   const auto again = decode_asset(*encoded);
   require(again.has_value() && same_entries(*again, asset) && again->map == asset.map && again->faces == asset.faces &&
           again->death == asset.death && again->mass == asset.mass && again->source_vertex == asset.source_vertex &&
-          again->rest == asset.rest && again->colours == asset.colours && again->splats.frame == asset.splats.frame);
+          again->rest == asset.rest && again->colours == asset.colours && again->normals == asset.normals &&
+          again->splats.frame == asset.splats.frame);
 }
 
 }  // namespace

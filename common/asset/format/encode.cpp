@@ -172,6 +172,9 @@ class Encoder {
     if (!asset_.colours.empty()) {
       tiles.push_back(tile_of(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
     }
+    if (!asset_.normals.empty()) {
+      tiles.push_back(tile_of(TileKind::kNormals, 0, encode_normals(asset_.normals, row_, map)));
+    }
     if (asset_.texture && end_row == asset_.vertex_count) {
       tiles.push_back(tile_of(TileKind::kUvs, 0, encode_uvs(*asset_.texture, asset_)));
       tiles.push_back(tile_of(TileKind::kImage, 0, asset_.texture->image));

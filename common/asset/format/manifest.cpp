@@ -210,7 +210,7 @@ class Parser {
     if (tile.kind == 0 || tile.is(TileKind::kStructure) || tile.is(TileKind::kBasis))
       return corrupt_manifest(where + ": a second structure or basis tile");
     const bool known = tile.is(TileKind::kSplats) || tile.is(TileKind::kColours) || tile.is(TileKind::kDetail) ||
-                       tile.is(TileKind::kUvs) || tile.is(TileKind::kImage);
+                       tile.is(TileKind::kUvs) || tile.is(TileKind::kImage) || tile.is(TileKind::kNormals);
     if (tile.is(TileKind::kImage) && tile.bytes > AssetTexture::kMaxImageBytes)
       return too_large_in_manifest(where + ", an image,", tile.bytes, AssetTexture::kMaxImageBytes);
     if (tile.required && !(known && tile.index == 0)) {

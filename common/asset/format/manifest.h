@@ -19,6 +19,7 @@ enum class TileKind : std::uint8_t {
   kStructure = 1,
   kBasis = 2,
   kUvs = 16,
+  kNormals = 17,
   kColours = 18,
   kSplats = 20,
   kImage = 21,

@@ -247,6 +247,12 @@ Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes,
     if (!decoded) return decoded.error();
     colours = std::move(*decoded);
   }
+  const auto normals_tile = find_tile(entry, bytes, TileKind::kNormals);
+  std::vector<std::uint8_t> normals;
+  if (normals_tile && asset_.normals.size() == asset_.rows_ready) {
+    normals = asset_.normals;
+    if (auto decoded = decode_normals(*normals_tile, map, normals); !decoded) return decoded;
+  }
   // With fewer bands more is missing than detail brings.
   const auto detail_tile = bands_ < asset_.band_ends.size() ? std::nullopt : find_tile(entry, bytes, TileKind::kDetail);
   const bool has_detail = detail_tile && asset_.detail.size() == asset_.rows_ready;
@@ -265,6 +271,7 @@ Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes,
   if (!has_splats) asset_.splats = {};
   if (!has_detail) asset_.detail = {};
   colours.empty() ? asset_.colours.clear() : append(asset_.colours, colours);
+  asset_.normals = std::move(normals);
   return {};
 }
 

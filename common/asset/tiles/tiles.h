@@ -81,6 +81,15 @@ Result<std::vector<std::array<std::uint8_t, 3>>> decode_colours(ByteView coded,
                                                                 std::span<const std::array<std::uint8_t, 3>> earlier,
                                                                 std::span<const std::uint32_t> map);
 
+/// What is known of the normals of rows [first_row, first_row + map.size()).
+///   map      of those rows
+///   normals  of all rows up to the last of them
+Bytes encode_normals(std::span<const std::uint8_t> normals, std::uint32_t first_row,
+                     std::span<const std::uint32_t> map);
+
+/// Adds as many rows as `map` has. Errors: kCorrupt. REQUIRES: normals of all rows before them.
+Result<void> decode_normals(ByteView coded, std::span<const std::uint32_t> map, std::vector<std::uint8_t>& normals);
+
 /// The most wedges that a texture may have.
 constexpr std::uint64_t max_wedges(std::uint64_t vertices, std::uint64_t faces) {
   return vertices + 3 * faces;

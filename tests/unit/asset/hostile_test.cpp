@@ -27,6 +27,7 @@ EncodedAsset sample(bool cloud = false, bool detail = false) {
   if (detail) asset.detail = sample_detail(asset, 3);
   for (std::uint8_t i = 0; cloud && i < asset.vertex_count; ++i)
     asset.colours.push_back({i, static_cast<std::uint8_t>(40 * i), 9});
+  for (std::uint8_t i = 0; !cloud && i < asset.vertex_count; ++i) asset.normals.push_back(i % Asset::kNormalsValues);
   auto encoded = encode_asset(asset, {.exact_columns = 4, .first_chunk_rows = 16});
   EXPECT_TRUE(encoded);
   return std::move(*encoded);

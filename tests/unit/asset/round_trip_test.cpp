@@ -244,6 +244,35 @@ TEST(AssetReader, ColoursArriveWithTheirRowsOrNotAtAll) {
   }
 }
 
+TEST(AssetReader, NormalsArriveWithTheirRowsOrNotAtAll) {
+  Asset whole = sample_asset(2, 8);
+  for (std::uint32_t i = 0; i < whole.vertex_count; ++i)
+    whole.normals.push_back(static_cast<std::uint8_t>(i * i % 7 % Asset::kNormalsValues));
+  const auto encoded = encode_asset(whole, {.first_chunk_rows = 20});
+  ASSERT_TRUE(encoded);
+  auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(reader);
+  for (std::size_t c = 0; c < encoded->chunks.size(); ++c) {
+    ASSERT_TRUE(reader->add_chunk(c, encoded->chunks[c].bytes));
+    const Asset& part = reader->asset();
+    ASSERT_EQ(part.normals.size(), part.rows_ready);
+    EXPECT_TRUE(std::equal(part.normals.begin(), part.normals.end(), whole.normals.begin()));
+  }
+  auto thrifty = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(thrifty && thrifty->add_chunk(0, encoded->chunks[0].bytes));
+  ASSERT_TRUE(thrifty->add_chunk(1, ByteView(encoded->chunks[1].bytes).first(thrifty->chunks()[1].needed_bytes)));
+  ASSERT_TRUE(thrifty->add_chunk(2, encoded->chunks[2].bytes));
+  EXPECT_TRUE(thrifty->asset().normals.empty());
+}
+
+TEST(AssetEncode, NormalsAreOneOfThreeValuesForEachRow) {
+  Asset asset = sample_asset(1, 6);
+  asset.normals.resize(asset.vertex_count - 1);
+  EXPECT_EQ(encode_asset(asset).error().code, ErrorCode::kInvalidArgument);
+  asset.normals.resize(asset.vertex_count, Asset::kNormalsValues);
+  EXPECT_EQ(encode_asset(asset).error().code, ErrorCode::kInvalidArgument);
+}
+
 TEST(AssetEncode, ColoursNeedOneForEachRow) {
   Asset asset = sample_asset(1, 6);
   asset.colours.resize(asset.vertex_count - 1);

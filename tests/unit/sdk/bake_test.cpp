@@ -390,6 +390,27 @@ TEST(Bake, ColoursStayWithTheirVertices) {
   EXPECT_TRUE(empty && plain && empty->from_cache) << "appearance that say nothing change nothing";
 }
 
+TEST(Bake, NormalsStayWithTheirVertices) {
+  const TemporaryFolder folder;
+  const Surface surface = make_icosphere(2);
+  Appearance appearance;
+  for (std::size_t i = 0; i < surface.vertex_count(); ++i)
+    appearance.vertex_normals.push_back(static_cast<VertexNormals>(i % 3));
+  BakeOptions options = of_rank(20);
+  const auto plain = bake(surface, options, folder.path());
+  ASSERT_TRUE(plain);
+  EXPECT_TRUE(plain->asset.normals.empty());
+  options.appearance = &appearance;
+  for (const bool again : {false, true}) {
+    const auto result = bake(surface, options, folder.path());
+    ASSERT_TRUE(result);
+    EXPECT_EQ(result->from_cache, again) << "not to be mistaken for the surface without normals";
+    ASSERT_EQ(result->asset.normals.size(), surface.vertex_count());
+    for (std::size_t row = 0; row < result->asset.normals.size(); ++row)
+      EXPECT_EQ(result->asset.normals[row], result->asset.source_vertex[row] % 3);
+  }
+}
+
 TEST(Bake, OneTextureGoesWithTheAsset) {
   const TemporaryFolder folder;
   const Surface surface = make_icosphere(2);
