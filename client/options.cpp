@@ -67,7 +67,7 @@ std::string read_style(const RawOptions& raw, Style& style) {
   const auto map = kColourMapNames.find(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
   style.colour_map = *map;
-  style.normals = kNormalsNames.find(raw.normals).value_or(Normals::kCrease);
+  style.normals = kNormalsNames.find(raw.normals).value_or(Normals::kAuthored);
   style.crease_deg = static_cast<float>(raw.crease_deg);
   if (raw.colour_range.empty()) return {};
   float low = 0, high = 0;
@@ -201,8 +201,9 @@ std::vector<OptionGroup> groups_for(ClientOptions& options, RawOptions& raw) {
          "LOW,HIGH: the values of the map's ends, in the stream's units (default: those of a whole film; live, those "
          "seen so far, which grow)"},
         {"--normals", &raw.normals,
-         "flat: each face by itself; crease: smooth but along edges that bend by --crease or more; smooth",
-         Choices{"flat", "crease", "smooth"}, true},
+         "authored: hard and smooth edges as the file's own normals have them, where it has none as crease: smooth but "
+         "along edges that bend by --crease or more; smooth; flat: each face by itself",
+         Choices{"authored", "crease", "smooth", "flat"}, true},
         {"--crease", &raw.crease_deg, "degrees", Range{1, 180}, true},
         {"--edges", &options.style.edges, "draw the triangles' edges"},
         {"--wireframe", &options.style.wireframe, "draw edges only"},

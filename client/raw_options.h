@@ -15,7 +15,8 @@ inline constexpr const char* kLocalBroker = "ws://127.0.0.1:7490";
 /// Options as the command line has them.
 struct RawOptions {
   std::string reconstruct = "auto", scene, resolver, quality, size = "1280x720", colour = "auto",
-              colour_map = "viridis", colour_range, normals = "crease", rate, scheme, playout = "latest", context, film;
+              colour_map = "viridis", colour_range, normals = "authored", rate, scheme, playout = "latest", context,
+              film;
   Credentials credentials;
   int k = 3, bands = 8;
   double crease_deg = 40, delay_ms = 0, smooth = 1, ahead_ms = 200, fps = 60, seconds = 0;

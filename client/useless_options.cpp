@@ -66,7 +66,7 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
        raw.playout == "latest",
        "is for --playout interpolate or estimate; latest holds nothing back"},
       {{"--ahead"}, raw.playout == "interpolate", "is for --playout estimate"},
-      {{"--crease"}, raw.normals != "crease", "is for --normals crease"},
+      {{"--crease"}, raw.normals == "smooth" || raw.normals == "flat", "is for --normals authored or crease"},
       {{"--view"}, !options.camera_path.empty(), "is overridden by --camera-path"},
       {{"--scene", "--headless", "--film", "--frames", "--out", "--lod", "--colour"},
        options.list,

@@ -40,7 +40,7 @@ constexpr std::array<KeyCommand, 35> kCommands{
      {"E", [](const KeyTarget& on) { toggle(on.state.style.edges); }},
      {"P", [](const KeyTarget& on) { toggle(on.state.style.points); }},
      {"W", [](const KeyTarget& on) { toggle(on.state.style.wireframe); }},
-     {"N", [](const KeyTarget& on) { on.state.style.normals = next_of(on.state.style.normals, 3); }},
+     {"N", [](const KeyTarget& on) { on.state.style.normals = next_of(on.state.style.normals, kNormalsKinds); }},
      {"V", [](const KeyTarget& on) { ++on.state.colourings_on; }},
      {"C", [](const KeyTarget& on) { on.state.style.colour_map = next_of(on.state.style.colour_map, kColourMaps); }},
      {"B", [](const KeyTarget& on) { toggle(on.state.style.legend); }},

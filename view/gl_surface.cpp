@@ -16,7 +16,7 @@ namespace eigencast {
 
 namespace {
 
-constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3, kCrease = 5;  // 4 is taken in the browser
+constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3, kCrease = 5, kOwnNormals = 6;  // 4: the browser's
 
 void set_array(GLuint number, GLuint buffer, GLint floats, GLsizei stride) {
   glBindBuffer(GL_ARRAY_BUFFER, buffer);
@@ -188,11 +188,15 @@ void GlSurface::take_triangles(const SurfaceGeometry& geometry) {
 }
 
 void GlSurface::take_creases(const SurfaceGeometry& geometry) {
-  glDisableVertexAttribArray(kCrease);
-  glVertexAttrib1f(kCrease, 0);
-  if (geometry.creases.empty()) return;
-  creases_.replace(std::span<const float>(geometry.creases));
-  set_array(kCrease, creases_.id(), 1, 0);
+  const auto take = [](GLuint attribute, GlBuffer& buffer, std::span<const float> values) {
+    glDisableVertexAttribArray(attribute);
+    glVertexAttrib1f(attribute, 0);
+    if (values.empty()) return;
+    buffer.replace(values);
+    set_array(attribute, buffer.id(), 1, 0);
+  };
+  take(kCrease, creases_, geometry.creases);
+  take(kOwnNormals, own_normals_, geometry.own_normals);
 }
 
 std::optional<Bounds> GlSurface::bounds() const {

@@ -97,7 +97,7 @@ class GlSurface final {
   void take_creases(const SurfaceGeometry& geometry);
 
   GlArray array_;
-  GlBuffer positions_, normals_, values_, radii_, creases_;
+  GlBuffer positions_, normals_, values_, radii_, creases_, own_normals_;
   GlTriangles triangles_;
   std::unique_ptr<GlTexturePaint> texture_;
   GLsizei vertex_count_ = 0, index_count_ = 0;

@@ -40,8 +40,9 @@ struct SurfaceGeometry {
 
   BlockVersions position_blocks, normal_blocks, radius_blocks, triangle_blocks;
 
-  std::vector<float> creases;  ///< crease_angles() of the rest pose, of all vertices; empty: smooth everywhere.
-  std::uint64_t crease_version = 0;
+  std::vector<float> creases;        ///< crease_angles() of the rest pose, of all vertices; empty: smooth everywhere.
+  std::vector<float> own_normals;    ///< Asset::normals, likewise.
+  std::uint64_t crease_version = 0;  ///< For both.
   bool is_point_cloud = false;
   bool is_solid = false;    ///< Its faces enclose a volume and look outwards: nothing is seen of their other side.
   float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.

@@ -150,6 +150,7 @@ class Renderer::Impl {
     lighting_.light(program, camera);
     program.set("colour_table", 1);
     program.set("crease_from", crease_from(options));
+    program.set("honour_own", options.normals == Normals::kAuthored ? 1 : 0);
     program.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
     return program;
   }

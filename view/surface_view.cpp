@@ -329,6 +329,7 @@ void SurfaceView::update_facts(const PoseSource& source) {
   geometry_.is_solid = false;
   if (asset.complete() && asset.faces.size() <= kMaxCreasedFaces)
     geometry_.creases = crease_angles(asset.faces, rest, &geometry_.is_solid);
+  geometry_.own_normals.assign(asset.normals.begin(), asset.normals.end());
   ++geometry_.crease_version;
   facts_.up_axis = asset.up_axis;
   ++facts_.version;

@@ -97,5 +97,23 @@ TEST_F(CreasedPictures, SharpEdgesShowTheirFaces) {
   EXPECT_EQ(testing::mean_difference(draw(g, Normals::kSmooth), smooth), 0);
 }
 
+TEST_F(CreasedPictures, OwnNormalsDecideWhereThereAreAny) {
+  SurfaceGeometry g = cube();
+  const Picture smooth = draw(g, Normals::kSmooth), flat = draw(g, Normals::kFlat);
+  const auto difference_with = [&](float own, Normals normals, const Picture& other) {
+    g.own_normals.assign(8, own);
+    ++g.crease_version;
+    return testing::mean_difference(draw(g, normals), other);
+  };
+  EXPECT_EQ(difference_with(2, Normals::kAuthored, flat), 0) << "hard, though no angles are known";
+  EXPECT_EQ(difference_with(2, Normals::kCrease, smooth), 0) << "not asked for";
+  EXPECT_EQ(difference_with(2, Normals::kSmooth, smooth), 0);
+  g.creases = crease_angles(faces_of(g), g.positions);
+  EXPECT_EQ(difference_with(1, Normals::kAuthored, smooth), 0) << "smooth, though at right angles";
+  EXPECT_EQ(difference_with(1, Normals::kCrease, flat), 0);
+  EXPECT_EQ(difference_with(1, Normals::kFlat, flat), 0);
+  EXPECT_EQ(difference_with(0, Normals::kAuthored, flat), 0) << "none: by the angles";
+}
+
 }  // namespace
 }  // namespace eigencast
