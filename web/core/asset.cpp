@@ -89,6 +89,7 @@ const core_facts* asset_facts(core_asset* held) {
   facts.area = asset.area;
   facts.has_columns = held->reader.columns() ? 1 : 0;
   facts.map = asset.map.data();
+  facts.normals = asset.normals.empty() ? nullptr : asset.normals.data();
   return &facts;
 }
 

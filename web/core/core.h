@@ -152,10 +152,11 @@ typedef struct {
   const uint8_t* colours; /* rows_ready x 3, sRGB; null: none */
   const uint8_t* image;   /* a PNG or JPEG; null: none (yet) */
   uint32_t image_bytes;
-  const char* name; /* zero-terminated UTF-8 */
-  double area;      /* of the surface, or of what its points stand for; surface units squared */
-  uint32_t has_columns; /* that its stream has learnt: beside the chunks */
-  const uint32_t* map;  /* rows_ready: of each row from q on the one that it contracts to */
+  const char* name;       /* zero-terminated UTF-8 */
+  double area;            /* of the surface, or of what its points stand for; surface units squared */
+  uint32_t has_columns;   /* that its stream has learnt: beside the chunks */
+  const uint32_t* map;    /* rows_ready: of each row from q on the one that it contracts to */
+  const uint8_t* normals; /* rows_ready: the file's own: 0 none, 1 smooth, 2 hard; null: none */
 } core_facts;
 
 typedef struct {

@@ -57,6 +57,8 @@ export interface Surface {
   rest: Float64Array;
   /** Three a vertex that has arrived, sRGB; nothing: it has none. */
   colours: Uint8Array | undefined;
+  /** One a vertex that has arrived, of its file: 0 none, 1 the same at all its corners, 2 several, so that its edges are hard; nothing: it has none. */
+  normals: Uint8Array | undefined;
   /** Poses go on from those of the epoch before. */
   continues: boolean;
   /** Only the lowest band of the first vertices, for a first picture. */
@@ -241,7 +243,7 @@ export class Subscription implements Listener {
     const shown = this.surfaces.shown;
     if (shown?.reader) {
       this.#observer.onSurface({
-        epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, continues: shown.continues, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
+        epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, normals: shown.reader.normals, continues: shown.continues, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
       });
     }
     if (shown?.isFinished && this.#imageOf !== shown) {

@@ -121,6 +121,11 @@ export class AssetReader {
     const colours = data.getUint32(at + 160, true);
     return colours === 0 ? undefined : this.core.bytes(colours, 3 * data.getUint32(at + 100, true)).slice();
   }
+  /** rowsReady: the file's own: 0 none, 1 smooth, 2 hard: copied; nothing: it has none. */
+  get normals(): Uint8Array | undefined {
+    const at = this.core.exports.asset_facts(this.at), data = this.core.data, normals = data.getUint32(at + 192, true);
+    return normals === 0 ? undefined : this.core.bytes(normals, data.getUint32(at + 100, true)).slice();
+  }
   /** A PNG or JPEG: copied; nothing: it has none, or it has not arrived. */
   get image(): Uint8Array | undefined {
     const at = this.core.exports.asset_facts(this.at);

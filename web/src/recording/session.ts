@@ -163,7 +163,7 @@ export class RecordedStream {
     if (latest && latest.damage !== '') return this.#tell('refused', latest.damage);
     if (!shown?.reader || shown !== latest) return;
     this.#observer.onSurface({
-      epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, continues: false, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
+      epoch: shown.info!.epoch, asset: shown.look, facts: shown.reader.facts, rest: shown.reader.rest, colours: shown.reader.colours, normals: shown.reader.normals, continues: false, isPrefix: shown.isPrefix, isComplete: shown.isFinished,
     });
     const image = shown.isFinished ? shown.reader.image : undefined;
     if (image) this.#observer.onImage(image);

@@ -5,7 +5,7 @@ import { bindTexture, type GL, type Program } from './gl.js';
 import { determinant, IDENTITY, moved, normalMatrix, type Mat4, type Vec3 } from './matrix.js';
 
 /** Numbers of kMeshVertex and kSplatVertex. */
-const POSITION = 0, NORMAL = 1, PAINT = 2, RADIUS = 3;
+const POSITION = 0, NORMAL = 1, PAINT = 2, RADIUS = 3, OWN_NORMALS = 6;
 /** Of the renderer's. */
 export const UV = 4;
 /** Of their own, so that colours stay. */
@@ -28,6 +28,7 @@ export class GlSurface {
   #indices: Uint32Array = new Uint32Array();
   #edgesAreThere = false;
   #colours: Uint8Array | undefined;
+  #normals: Uint8Array | undefined;
   #origins: Uint32Array | undefined;
   #level = 0;
   #hasNumbers = false;
@@ -49,7 +50,7 @@ export class GlSurface {
   constructor(gl: GL) {
     this.#gl = gl;
     this.#array = gl.createVertexArray();
-    this.#buffers = Array.from({ length: 6 }, () => gl.createBuffer());
+    this.#buffers = Array.from({ length: 7 }, () => gl.createBuffer());
     this.#triangles = gl.createBuffer();
     this.#edges = gl.createBuffer();
   }
@@ -85,10 +86,11 @@ export class GlSurface {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#triangles);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, this.#indices, gl.STATIC_DRAW);
   }
-  /** rows x 3, sRGB; nothing: it has none. */
-  colour(colours: Uint8Array | undefined): void {
+  /** rows x 3, sRGB, and a row each of the file's own; nothing: it has none. */
+  dress(colours: Uint8Array | undefined, normals: Uint8Array | undefined): void {
     this.#gl.bindVertexArray(this.#array);
     this.#colours = colours;
+    this.#normals = normals;
     this.#paint(this.#origins);
   }
   /** Its texture, at most as large as the GPU takes. */
@@ -178,7 +180,9 @@ export class GlSurface {
 
   #paint(origins: Uint32Array | undefined): void {
     this.#origins = origins;
+    const normals = this.#normals;
     this.#set(PAINT, this.#colours && linearFrom(this.#colours, origins), 3);
+    this.#set(OWN_NORMALS, normals && Float32Array.from(origins ?? normals, (at) => (origins ? normals[at]! : at)), 1);
     if (this.#hasNumbers) this.#point(PAINT, true, 1, NUMBERS_BUFFER);
   }
   #draw(what: number, indices: WebGLBuffer, count: number): void {

@@ -51,7 +51,7 @@ export class View {
     this.canvas = canvas;
     this.#context = canvas.getContext('2d')!;
     this.live = new LiveSurface(stream, stage.core, (drawn) => (drawn ? this.#take(drawn) : this.#frame()));
-    stream.on('surface', ({ colours }) => this.#gl?.colour(colours));
+    stream.on('surface', ({ colours, normals }) => this.#gl?.dress(colours, normals));
     stream.on('image', (image) => void this.#decode(image));
     if (stream.image) void this.#decode(stream.image);
     stage.add(this);
@@ -204,7 +204,7 @@ export class View {
     if (!this.#stage.renderer) return;  // It asks again when it is back.
     if (!this.#gl) {
       this.#gl = new GlSurface(this.#stage.gl);
-      this.#gl.colour(this.live.surface?.colours);
+      this.#gl.dress(this.live.surface?.colours, this.live.surface?.normals);
       if (this.#image) this.#gl.texture(this.#image);
     }
     this.#gl.upload(rebuilt, isCloud, area);
