@@ -33,6 +33,7 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
 constexpr double kTokenCheckUs = 200;  ///< A signature.
+constexpr double kFailuresOfSite = 10;  ///< Times those of one of its networks.
 constexpr double kWorkAtOnceS = 0.02;  ///< By default 5 ms: others wait no longer for each holder.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
@@ -365,28 +366,46 @@ Result<TimeUs> Grant::take_rate(const Rate& rate, const Holder& holder, double a
   return *wait_us;
 }
 
-std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {
+TimeUs Grant::failure_wait_us(TimeUs now_us) const {
+  const auto max = static_cast<double>(policy_->failures_per_minute());
+  const auto of = [&](const Account& account, double most) {
+    return account.failures.wait_us(1, most / 60, most, now_us);
+  };
+  return std::max(of(*holders_.back().account, max), has_site() ? of(*site_, max * kFailuresOfSite) : 0);
+}
+
+void Grant::note_failure(TimeUs now_us) {
+  const auto max = static_cast<double>(policy_->failures_per_minute());
+  (void)holders_.back().account->failures.take(1, max / 60, max, now_us);
+  const double most = max * kFailuresOfSite;
+  if (has_site()) (void)site_->failures.take(1, most / 60, most, now_us);
+}
+
+double Gate::check_us(const AccessRequest& request, std::int64_t now_unix_s) const {
+  return policy()->must_verify(request, now_unix_s) ? kTokenCheckUs : 0;
+}
+
+std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s,
+                                           bool is_paid) {
   const auto rules = policy();
-  const auto max = static_cast<double>(rules->failures_per_minute());
   // Requests without a token are not throttled: they guess none.
   const bool with_token = !request.authorization.empty() || !request.query_token.empty();
-  const std::string address = rules->client_address(request).address.limit_key();
-  const auto account = with_token ? addresses_.account(address, now_us) : nullptr;
-  const TimeUs wait_us = account ? account->failures.wait_us(1, max / 60, max, now_us) : 0;
+  const auto payer = with_token ? stranger(request, now_us) : nullptr;
+  const TimeUs wait_us = payer ? payer->failure_wait_us(now_us) : 0;
   const Denial slowed{429, "too many failed tries to log in from this address: wait before the next",
                       static_cast<int>(wait_us / 1'000'000 + 1)};
-  // A good token (of 256 bits, none is guessed) is let in beside others' wrong ones, while the address pays for both.
-  const auto work_us_per_s = static_cast<double>(rules->quota(false).work_us_per_s);
-  if (wait_us > 0 && !account->http_work.take(kTokenCheckUs, work_us_per_s, work_us_per_s * kWorkAtOnceS, now_us)) {
+  // A good token (of 256 bits, none is guessed) is let in beside others' wrong ones, while the site pays for both.
+  const double us = is_paid ? 0 : check_us(request, now_unix_s);
+  if (us > 0 && !payer->take_http_work(us, now_us, 0)) {
     ++denied_;
     return slowed;
   }
   auto found = rules->identify(request, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&found)) {
     ++denied_;
-    if (!account || !denied->failed_login) return std::move(*denied);
+    if (!payer || !denied->failed_login) return std::move(*denied);
     if (wait_us > 0) return slowed;
-    (void)account->failures.take(1, max / 60, max, now_us);
+    payer->note_failure(now_us);
     return std::move(*denied);
   }
   return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), request.peer, rules, now_us));

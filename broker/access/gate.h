@@ -179,6 +179,9 @@ class Grant {
   std::optional<TimeUs> take_loop_time(RateLimiter Account::*limiter, double us, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, const Holder& holder, double amount, TimeUs now_us, TimeUs max_wait_us);
   Result<TimeUs> take_rate(const Rate& rate, double amount, TimeUs now_us, TimeUs max_wait_us = 0);
+  /// How long until one more try to log in may fail: of its address, and of its site.
+  TimeUs failure_wait_us(TimeUs now_us) const;
+  void note_failure(TimeUs now_us);
   Error over(const Holder& holder, const char* limit, std::int64_t max) const;
   void count(Resource resource, std::int64_t amount);
 
@@ -200,7 +203,11 @@ class Gate {
  public:
   explicit Gate(std::shared_ptr<const AccessPolicy> policy) : policy_(std::move(policy)) {}
 
-  std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s);
+  /// What admit() takes to check a signature that it has not met yet; 0: it need not.
+  double check_us(const AccessRequest& request, std::int64_t now_unix_s) const;
+  /// The holder of stranger() pays for check_us(), unless that `is_paid`, and is refused where it cannot.
+  std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s,
+                                       bool is_paid = false);
   enum class AdminRequest { kRead, kControl };
   /// Nothing: admitted. Reading is free on loopback and for monitors, control on loopback if no tokens are configured;
   /// all else needs the right admin.

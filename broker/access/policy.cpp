@@ -88,6 +88,13 @@ std::string_view bearer_of(std::string_view header) {
   return trimmed(header.substr(kScheme.size()));
 }
 
+/// The one token of a request that sends one; empty: it is not one.
+std::string_view token_of(const AccessRequest& request) {
+  const std::string_view token =
+      request.query_token.empty() ? bearer_of(request.authorization) : std::string_view(request.query_token);
+  return token.size() > kMaxTokenBytes ? std::string_view() : token;
+}
+
 template <typename Limits>
 Quota quota_from(const Limits& limits) {
   return {{limits.connections, limits.publishers, limits.streams, limits.uploads, limits.sent_streams,
@@ -231,6 +238,11 @@ bool AccessPolicy::is_own_page(const AccessRequest& request) const {
   return !host.empty() && (request.origin == "http://" + host || request.origin == "https://" + host);
 }
 
+bool AccessPolicy::must_verify(const AccessRequest& request, std::int64_t now_unix_s) const {
+  const std::string_view token = token_of(request);
+  return token.find('.') != std::string_view::npos && !checked_.find(sha256(token), tokens_.leeway_s, now_unix_s);
+}
+
 std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& request, std::int64_t now_unix_s) const {
   Identity identity;
   identity.client = client_address(request);
@@ -244,9 +256,8 @@ std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& reque
   if (!request.authorization.empty() && !request.query_token.empty()) {
     return Denial{400, "send one token: in the Authorization header or as access_token, not both"};
   }
-  const std::string_view token =
-      request.query_token.empty() ? bearer_of(request.authorization) : std::string_view(request.query_token);
-  if (token.empty() || token.size() > kMaxTokenBytes) {
+  const std::string_view token = token_of(request);
+  if (token.empty()) {
     return Denial{401, "Authorization must be: Bearer TOKEN, with a token of at most 8 KiB", 0, true};
   }
   return identify_token(token, std::move(identity), now_unix_s);

@@ -78,6 +78,8 @@ class AccessPolicy {
   static Result<std::shared_ptr<const AccessPolicy>> from_config(const Config& config);
 
   std::variant<Identity, Denial> identify(const AccessRequest& request, std::int64_t now_unix_s) const;
+  /// Whether identify() has to check a signature, as it has not met the token yet.
+  bool must_verify(const AccessRequest& request, std::int64_t now_unix_s) const;
   /// Whether an identity that the `former` policy admitted keeps exactly its rights.
   bool vouches_for(const Identity& identity, const AccessPolicy& former) const;
   bool is_trusted_proxy(const IpAddress& address) const { return is_within(proxies_, address); }

@@ -103,7 +103,26 @@ class HttpSession final : public HttpConnection {
     double listing = 0;     ///< Names to compare, in ordinary requests.
   };
 
+  /// Pays for the check of a token, and waits for its turn, before that is made: who sends one has shown nothing yet.
   void on_head() override {
+    const auto parsed = target_from_text(target(), context().config.proxy.path_prefix);
+    const AccessRequest request = access_request(parsed ? parsed->token : std::string());
+    const double us = parsed ? context().gate.check_us(request, std::time(nullptr)) : 0;
+    if (us == 0) return begin();
+    const TimeUs now_us = steady_now_us();
+    const auto payer = context().gate.stranger(request, now_us);
+    const auto wait_us = payer->take_http_work(us, now_us, kMaxRequestWaitUs);
+    if (!wait_us) {
+      return later(kRefusalWaitUs, [this] { answer_limit("tokens to check are over work_us_per_s", kMaxRequestWaitS); });
+    }
+    const auto in_turn = [self = shared_from_this(), this] {
+      if (transport().socket().is_open()) begin();
+    };
+    if (context().newcomers.take(payer->holder(), us, *wait_us, in_turn)) return begin();
+    disarm();
+  }
+
+  void begin() {
     Task task = admitted();
     const TimeUs now_us = steady_now_us();
     const double unpaid_us = std::exchange(unpaid_us_, 0);
@@ -145,7 +164,7 @@ class HttpSession final : public HttpConnection {
     if (method() == "OPTIONS") return {[this] { answer_preflight(); }};
     if (parsed->kind == Target::Kind::kPage) return {[this, name = parsed->name] { serve_page(*this, name); }};
     if (parsed->kind == Target::Kind::kWebFile) return {[this, name = parsed->name] { serve_web_file(*this, name); }};
-    auto admission = context().gate.admit(access_request(parsed->token), steady_now_us(), std::time(nullptr));
+    auto admission = context().gate.admit(access_request(parsed->token), steady_now_us(), std::time(nullptr), true);
     if (const auto* denied = std::get_if<Denial>(&admission)) return refused(*denied);
     auto grant = std::get<GrantPtr>(std::move(admission));
     if (auto placed = take_place(*grant); !placed) return refused({429, placed.error().message, 1});

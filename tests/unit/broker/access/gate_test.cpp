@@ -238,17 +238,42 @@ TEST_F(GateTest, FailuresThrottleOnlyTheirAddress) {
   EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 429);
 }
 
-TEST_F(GateTest, ChecksOfTokensBeyondTheRateArePaidByTheirAddress) {
+TEST_F(GateTest, ChecksOfTokensArePaidByTheirAddress) {
   config_.access.failures_per_minute = 1;
   config_.per_address.work_us_per_s = 100'000;  // 2,000 us at once.
   const auto wrong = request_from("8.8.8.8", "a.b.c");
   EXPECT_EQ(turned_away(wrong).status, 401);
-  for (int i = 0; i < 9; ++i) EXPECT_EQ(turned_away(wrong).status, 429);
+  for (int i = 0; i < 8; ++i) EXPECT_EQ(turned_away(wrong).status, 429);
   const std::string good = token_for("a", {}, {"**"});
   EXPECT_TRUE(let_in(request_from("8.8.8.8", good)));
-  EXPECT_EQ(turned_away(request_from("8.8.8.8", good)).status, 429) << "all is spent";
-  EXPECT_TRUE(let_in(request_from("8.8.8.9", good)));
-  EXPECT_TRUE(let_in(request_from("8.8.8.8", good), kSecond));
+  EXPECT_EQ(turned_away(wrong).status, 429) << "all is spent";
+  EXPECT_TRUE(let_in(request_from("8.8.8.8", good))) << "it is known";
+  const std::string another = token_for("b", {}, {"**"});
+  EXPECT_EQ(turned_away(request_from("8.8.8.8", another)).status, 429);
+  EXPECT_TRUE(let_in(request_from("8.8.8.9", another)));
+  EXPECT_TRUE(let_in(request_from("8.8.8.8", token_for("c", {}, {"**"})), kSecond));
+}
+
+/// A site has 65,536 networks, each of which may fail some times a minute.
+TEST_F(GateTest, ChecksOfTokensArePaidByTheirSiteFromTheFirstOn) {
+  config_.per_address.work_us_per_s = 100'000;  // 2,000 us at once.
+  const auto network = [](int i) { return request_from(("2001:db8:1:" + std::to_string(i) + "::1").c_str(), "a.b.c"); };
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(turned_away(network(i)).status, 401);
+  EXPECT_EQ(turned_away(network(10)).status, 429);
+  EXPECT_EQ(turned_away(request_from("2001:db8:2::1", "a.b.c")).status, 401);
+  EXPECT_EQ(gate().check_us(network(10), kNow), 200);
+  EXPECT_EQ(turned_away(network(11)).status, 429);
+  auto paid = gate().admit(network(11), 0, kNow, true);
+  EXPECT_EQ(std::get<Denial>(paid).status, 401) << "before its turn came";
+}
+
+TEST_F(GateTest, FailuresOfASiteAreTenTimesThoseOfOneNetwork) {
+  config_.access.failures_per_minute = 1;
+  const auto network = [](int i) { return request_from(("2001:db8:1:" + std::to_string(i) + "::1").c_str(), "a.b.c"); };
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(turned_away(network(i)).status, 401);
+  EXPECT_EQ(turned_away(network(10)).status, 429);
+  EXPECT_EQ(turned_away(request_from("2001:db8:2::1", "a.b.c")).status, 401);
+  EXPECT_TRUE(let_in(request_from("2001:db8:1:b::1", token_for("a", {}, {"**"}))));
 }
 
 TEST_F(GateTest, NetworksOfASiteShareItsStreamsAndTime) {

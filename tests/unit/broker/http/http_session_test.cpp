@@ -202,6 +202,30 @@ TEST_F(HttpSessionTest, RequestsOfAllTakeHalfOfTheLoopsTime) {
   EXPECT_GE(steady_now_us() - began_us, 10 * 100 * (15'000 / 64) * 2 - 10'000);
 }
 
+/// Of many networks of a site, as each may fail some times a minute.
+TEST_F(HttpSessionTest, ChecksOfTokensTakeHalfOfTheLoopsTime) {
+  stop();
+  config_.access.jwt_secret = "a secret of the tests, of more than 32 bytes";
+  config_.access.anonymous = "anywhere";
+  config_.proxy.trusted = {"127.0.0.1"};
+  config_.per_address.work_us_per_s = 1'000'000'000;
+  start();
+  constexpr int kTokens = 500;
+  const TimeUs began_us = steady_now_us();
+  std::vector<std::unique_ptr<Wire>> wires;
+  for (int i = 0; i < 10; ++i) {
+    std::string requests;
+    for (int j = i * kTokens / 10; j < (i + 1) * kTokens / 10; ++j) {
+      requests += "GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nX-Forwarded-For: 2001:db8:1:" + std::to_string(j) +
+                  "::1\r\nAuthorization: Bearer a.b.c\r\n\r\n";
+    }
+    wires.push_back(std::make_unique<Wire>(port_));
+    wires.back()->write(requests + "OPTIONS / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  }
+  for (const auto& wire : wires) EXPECT_THAT(wire->read_all().value_or("reset"), StartsWith("HTTP/1.1 401"));
+  EXPECT_GE(steady_now_us() - began_us, kTokens * 200 * 2 - 10'000);
+}
+
 TEST_F(HttpSessionTest, FilesOfAFolderThatHaveNotChangedAreNotReadAgain) {
   stop();
   config_.web.enabled = true;
