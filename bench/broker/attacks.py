@@ -19,7 +19,9 @@ import os
 import pathlib
 import random
 import socket
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 
@@ -32,6 +34,8 @@ SUBPROTOCOL = "eigencast.v2"
 SECRET = "a secret of the attacks, of more than 32 bytes"
 ASSET, ASSET_ID = payloads.asset()
 RATE = 60
+KEY_HEAD = b'{"alg":"ES256","kid":"main"}'
+KEYS = tempfile.TemporaryDirectory(prefix="eigencast-attacks-")
 FLAGS = {"proxy-trusted": "127.0.0.0/8", "access-anonymous": "anywhere", "access-jwt-secret": SECRET, "threads": 1, "history-streams": "attack/seek"}
 SMALL = {"rows": 64, "channels": 8, "band_ends": [64], "codec": "quantised"}
 TINY = {**SMALL, "rows": 1, "channels": 1, "band_ends": [1]}
@@ -605,6 +609,56 @@ def new_names(port, ready, go):
     return f"{done} names, {why[:60] or 'none refused'}"
 
 
+def ask_again(port, go, connections, asks):
+    """Connections that ask at once again when they have been answered; the bytes of the answers."""
+    import selectors
+    selector, buffer, taken = selectors.DefaultSelector(), bytearray(1 << 20), 0
+
+    def begin(i):
+        one = socket.create_connection(("127.0.0.1", port))
+        one.sendall(next(asks))
+        one.setblocking(False)
+        selector.register(one, selectors.EVENT_READ, i)
+    for i in range(connections):
+        begin(i)
+    while go():
+        for key, _ in selector.select(0.5):
+            with contextlib.suppress(OSError):
+                if count := key.fileobj.recv_into(buffer):
+                    taken += count
+                    continue
+            selector.unregister(key.fileobj)
+            key.fileobj.close()
+            begin(key.data)
+    return taken
+
+
+def wrong_tokens(port, ready, go, connections=200):
+    """Tokens of wrong signatures from the networks of one site, ten from each. (A1)"""
+    import base64
+    text = lambda raw: base64.urlsafe_b64encode(raw).rstrip(b"=").decode()
+    count = [0]
+
+    def asks():
+        while True:
+            count[0] += 1
+            yield f"GET /v1/streams HTTP/1.1\r\nHost: localhost\r\nX-Forwarded-For: 2001:db8:7:{count[0] // 10 % 4000:x}::1\r\n" \
+                  f"Authorization: Bearer {text(KEY_HEAD)}.{text(b'{}')}.{text(os.urandom(64))}\r\nConnection: close\r\n\r\n".encode()
+    ready()
+    ask_again(port, go, connections, asks())
+    return f"{count[0]} tokens"
+
+
+def body_flood(port, ready, go, bytes_each=8 << 20, connections=900):
+    """An address downloads a large asset on as many connections as it may have. (A2, A3)"""
+    body = os.urandom(bytes_each)
+    put(port, body)
+    text = f"GET /v1/assets/{hashlib.sha256(body).hexdigest()} HTTP/1.1\r\nHost: localhost\r\nX-Forwarded-For: 203.0.113.1\r\nConnection: close\r\n\r\n"
+    ready()
+    taken = ask_again(port, go, connections, iter(lambda: text.encode(), None))
+    return f"{taken / 1e6:.0f} MB, {connections} connections"
+
+
 # Attacks on rights and places: return what they found and whether it is as it must be.
 
 
@@ -690,8 +744,9 @@ def ask_upgrade(port, forwarded):
     return peer.status
 
 
-TIMED = [remember_flood, announce_flood, anew_in_profiles, joins_in_profiles, large_keys, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood, list_flood, first_reads, change_flood,
-         full_rooms, moments, many_watched, keys_at_once, keys_for_crowds, joins_at_once, unread_keys, new_names]
+TIMED = [remember_flood, announce_flood, anew_in_profiles, joins_in_profiles, large_keys, trace_flood, recalled_keys, many_senders, memory_reads, seek_flood,
+         list_flood, first_reads, change_flood, full_rooms, moments, many_watched, keys_at_once, keys_for_crowds, joins_at_once, unread_keys, new_names,
+         wrong_tokens, body_flood]
 RIGHTS = [upload_slots, share_link, claims_of_nearness, forged_addresses]
 
 
@@ -741,6 +796,9 @@ def main():
     parser.add_argument("--check", action="store_true")
     parser.add_argument("names", nargs="*")
     options = parser.parse_args()
+    key = KEYS.name + "/main.pem"
+    subprocess.run(["openssl", "genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256", "-out", key], check=True, stderr=subprocess.DEVNULL)
+    FLAGS["access-jwt-keys"] = f"main ES256 {key}"
     chosen = lambda attacks: [attack for attack in attacks if not options.names or attack.__name__ in options.names]
     failed = 0
     print("| attack | without it: p50, p99 ms, keys lost %, core % | with it | verdict | |\n|-|-|-|-|-|", flush=True)

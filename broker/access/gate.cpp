@@ -32,9 +32,9 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
 }
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
-constexpr double kTokenCheckUs = 200;  ///< A signature.
+constexpr double kTokenCheckUs = 200;   ///< A signature.
 constexpr double kFailuresOfSite = 10;  ///< Times those of one of its networks.
-constexpr double kWorkAtOnceS = 0.02;  ///< By default 5 ms: others wait no longer for each holder.
+constexpr double kWorkAtOnceS = 0.02;   ///< By default 5 ms: others wait no longer for each holder.
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
   const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
@@ -248,16 +248,17 @@ Result<std::shared_ptr<void>> Grant::hold(Resource resource) const {
   return std::shared_ptr<void>(site_.get(), [site = site_, index](void*) { site->resources[index].give_back(); });
 }
 
-Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes) const {
+Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes, double part) const {
   if (bytes <= kFreeBytes) return std::shared_ptr<void>();
   const Holder& holder = holders_.back();
   const auto amount = static_cast<std::int64_t>(bytes);
   const std::int64_t quota = policy_->quota(holder.is_token).unfinished_bytes;
   const std::int64_t max = policy_->max_unfinished_bytes();
   const std::int64_t own = site_->unfinished_bytes.count();
-  if (own + amount > share_of(max, gate_.unfinished_bytes_.count(), own))
+  const auto parted = [part](std::int64_t of) { return static_cast<std::int64_t>(static_cast<double>(of) * part); };
+  if (own + amount > parted(share_of(max, gate_.unfinished_bytes_.count(), own)))
     return too_few_free("max_unfinished_bytes", max);
-  if (!holder.account->unfinished_bytes.take(quota, amount)) return over(holder, "unfinished_bytes", quota);
+  if (!holder.account->unfinished_bytes.take(parted(quota), amount)) return over(holder, "unfinished_bytes", quota);
   if (has_site()) site_->unfinished_bytes.add(amount);
   gate_.unfinished_bytes_.add(amount);
   const auto give_back = [account = holder.account, site = has_site() ? site_ : nullptr, amount,

@@ -131,9 +131,9 @@ class Grant {
   bool is_spared() const { return spared_; }
   /// Memory of a message that came in part, or of an answer sent in part: counts until the pointer ends, towards the
   /// token's limit and share_of() all, or the address's without one. The first kFreeBytes of a connection are free
-  /// (null). Errors: kRefused.
+  /// (null). Only `part` of what it may have counts as there. Errors: kRefused.
   static constexpr std::size_t kFreeBytes = 4096;
-  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const;
+  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes, double part = 1) const;
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/connections/connection.h"
 
-#include <netinet/tcp.h>
-
 #include <algorithm>
 #include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
@@ -73,14 +71,11 @@ Outbox::Limits outbox_limits(const Config& config) {
 }
 
 /// Keeps the kernel's send buffer small, so that the newest pose waits here, where a newer one can replace it.
-void tune(Socket& socket, const Config& config) {
+void tune(Transport& transport, const Config& config) {
   ErrorOf ignored;
-  using UnsentLimit = asio::detail::socket_option::integer<IPPROTO_TCP, TCP_NOTSENT_LOWAT>;
-  socket.set_option(Tcp::no_delay(config.sockets.no_delay), ignored);
-  if (config.sockets.unsent_bytes > 0)
-    socket.set_option(UnsentLimit(static_cast<int>(config.sockets.unsent_bytes)), ignored);
-  if (config.sockets.send_buffer_bytes > 0)
-    socket.set_option(Socket::send_buffer_size(static_cast<int>(config.sockets.send_buffer_bytes)), ignored);
+  transport.socket().set_option(Tcp::no_delay(config.sockets.no_delay), ignored);
+  transport.limit_unsent(static_cast<int>(config.sockets.unsent_bytes));
+  transport.limit_send_buffer(static_cast<int>(config.sockets.send_buffer_bytes));
 }
 
 }  // namespace
@@ -92,7 +87,7 @@ Connection::Connection(Context& context, Transport transport, GrantPtr grant,
       outbox_(outbox != nullptr ? *outbox : outbox_limits(context.config)),
       grant_(std::move(grant)),
       reader_(limits) {
-  tune(transport_.socket(), context.config);
+  tune(transport_, context.config);
 }
 
 void Connection::start(std::string answer) {
@@ -453,7 +448,7 @@ void Connection::close_later() {
 
 void Connection::close_now() {
   context_.turn.forget(*this);
-  transport_.close();
+  blocked_&& open_ ? transport_.reset() : transport_.close();
   ended();
 }
 

@@ -148,7 +148,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   void count_unfinished();
   /// Frees it, and closes.
   void give_message_up(const Error& why);
-  std::size_t unread_answers() const;
+  std::size_t unread_answers();
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
   /// Returns how many poses it took from the outbox.
   std::uint64_t fill_write_queue();

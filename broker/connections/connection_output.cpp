@@ -19,8 +19,9 @@ constexpr std::size_t kAtOnce = 2;
 constexpr int kMaxRecords = 4;  // Of TLS, in one slice.
 // About what a write takes on the machine of docs/performance.md, besides each message of it, and a record of TLS.
 constexpr double kWriteUs = 3, kPieceUs = 1, kWrittenBytesPerUs = 6'000, kRecordUs = 3;
-constexpr double kQueuedUs = 0.2;  // A frame for a connection, whether it leaves or not.
-constexpr double kCheckUs = 2.5;   // Of the peer's window.
+constexpr double kQueuedUs = 0.2;                   // A frame for a connection, whether it leaves or not.
+constexpr double kCheckUs = 2.5;                    // Of the peer's window.
+constexpr std::size_t kOnItsWayBytes = 128 * 1024;  // To one who reads.
 
 ByteView bytes_of(const Outbox::Item& item) {
   if (item.frame) return item.frame->wire;
@@ -116,9 +117,10 @@ std::uint64_t Connection::fill_write_queue() {
   return poses;
 }
 
-std::size_t Connection::unread_answers() const {
+std::size_t Connection::unread_answers() {
   if (!blocked_ || closing_) return 0;
-  std::size_t bytes = outbox_.control_memory();
+  const std::size_t in_kernel = transport_.unacknowledged();
+  std::size_t bytes = outbox_.control_memory() + in_kernel - std::min(in_kernel, kOnItsWayBytes);
   for (const Outbox::Item& item : write_queue_) bytes += bytes_of(item).size() + (item.text ? Outbox::kTextBytes : 0);
   return bytes;
 }
@@ -138,8 +140,7 @@ void Connection::pay_for_output() {
   const double frames = since(frames_paid_, frames_sent_), bytes = since(bytes_paid_, bytes_sent_);
   const double writes = frames - static_cast<double>(std::exchange(joined_, 0));
   const double work_us = std::exchange(output_us_, 0) + kWriteUs * writes + kPieceUs * frames +
-                         bytes / kWrittenBytesPerUs +
-                         kQueuedUs * static_cast<double>(std::exchange(offered_, 0)) +
+                         bytes / kWrittenBytesPerUs + kQueuedUs * static_cast<double>(std::exchange(offered_, 0)) +
                          kRecordUs * static_cast<double>(std::exchange(records_, 0));
   const TimeUs now_us = context_.turn.now_us();
   const TimeUs paid_us = grant_->charge_deliveries(work_us, now_us);

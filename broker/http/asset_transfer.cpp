@@ -15,7 +15,7 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::size_t kChunkBytes = 64 * 1024;
+constexpr std::size_t kChunkBytes = HttpConnection::kPieceBytes;
 constexpr int kRetryAfterS = 60;
 constexpr double kChunksPerUs = 10;  ///< Parsed.
 constexpr TimeUs kMaxChunksWaitUs = 2'000'000;
@@ -78,8 +78,6 @@ class Download : public std::enable_shared_from_this<Download> {
     at_ = whole ? 0 : wanted.first;
     end_ = whole ? object.size : wanted.last + 1;
     const std::uint64_t to_send = connection_->method() == "HEAD" ? 0 : end_ - at_;
-    const auto held = store(held_, grant_.hold_bytes(std::min<std::uint64_t>(to_send, kChunkBytes)));
-    if (!held) return connection_->answer_limit(held.error().message);
     const auto taken = grant_.take_download(to_send, steady_now_us());
     if (!taken) return connection_->answer_limit(taken.error().message, kRetryAfterS);
     if (!whole) {
@@ -88,41 +86,27 @@ class Download : public std::enable_shared_from_this<Download> {
     }
     ++context_.counters.downloads;
     object_ = std::move(object);
-    send_head(whole ? HttpStatus::kOk : HttpStatus::kPartialContent, std::move(headers));
-  }
-
-  void send_head(HttpStatus status, HttpHeaders headers) {
     headers.emplace_back("Content-Type", "application/octet-stream");
-    headers.emplace_back("Content-Length", std::to_string(end_ - at_));
-    if (connection_->method() == "HEAD") end_ = at_;
-    head_ = connection_->head_of(status, std::move(headers));
-    connection_->arm(context_.config.timeouts.transfer_ms);
-    connection_->send(asio::buffer(head_), [self = shared_from_this()] { self->send_chunk(); });
+    connection_->answer_from(
+        whole ? HttpStatus::kOk : HttpStatus::kPartialContent, end_ - at_,
+        static_cast<std::size_t>(std::min<std::uint64_t>(end_ - at_, kChunkBytes)),
+        [self = shared_from_this()](auto then) { self->read_chunk(std::move(then)); }, std::move(headers));
   }
 
-  void send_chunk() {
-    if (at_ == end_) return connection_->finish(connection_->can_keep_alive());
+  void read_chunk(std::function<void(std::string_view)> then) {
     if (grant_.has_expired(std::time(nullptr)) || grant_.is_void()) return connection_->close();
     chunk_.resize(std::min<std::uint64_t>(kChunkBytes, end_ - at_));
     connection_->on(
         context_.disk, [this] { return read_at(object_->file.get(), at_, chunk_); },
-        [self = shared_from_this()](const Result<std::size_t>& count) {
+        [self = shared_from_this(), then = std::move(then)](const Result<std::size_t>& count) {
           if (!count) {  // The head is sent: only closing the connection signals the error.
             log(self->context_.log, LogLevel::kError, count.error().message);
             return self->connection_->close();
           }
-          self->write_chunk(*count);
+          self->at_ += *count;
+          self->context_.counters.download_bytes += *count;
+          then({self->chunk_.data(), *count});
         });
-  }
-
-  void write_chunk(std::size_t count) {
-    chunk_.resize(count);
-    at_ += count;
-    connection_->arm(context_.config.timeouts.transfer_ms);
-    connection_->send(asio::buffer(chunk_), [self = shared_from_this()] {
-      self->context_.counters.download_bytes += self->chunk_.size();
-      self->send_chunk();
-    });
   }
 
   std::shared_ptr<HttpConnection> connection_;
@@ -131,9 +115,7 @@ class Download : public std::enable_shared_from_this<Download> {
   std::optional<AssetStore::Object> object_;
   std::uint64_t at_ = 0;
   std::uint64_t end_ = 0;
-  std::string head_;
   std::vector<char> chunk_;
-  std::shared_ptr<void> held_;  ///< Counts chunk_.
 };
 
 /// The answer to one PUT. Counts in uploads_now and holds a slot of `grant` while it lives, until end().
@@ -188,7 +170,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
     chunk_.resize(kChunkBytes);
     if (::strcasecmp(connection_->header("Expect").c_str(), "100-continue") != 0) return read_body();
     static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
-    connection_->send(asio::buffer(kContinue), [self = shared_from_this()] { self->read_body(); });
+    connection_->send(kContinue, {}, [self = shared_from_this()] { self->read_body(); });
   }
 
   void read_body() {

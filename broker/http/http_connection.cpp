@@ -2,6 +2,7 @@
 #include "broker/http/http_connection.h"
 
 #include <algorithm>
+#include <array>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
@@ -33,6 +34,17 @@ constexpr std::size_t kMaxReadBytes = 2 * kMaxHeadBytes;
 constexpr std::int64_t kMaxDrainMs = 2'000;
 constexpr TimeUs kMaxReadWaitUs = 2'000'000;
 constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
+/// What the kernel holds at most of answers that a peer does not acknowledge, so that crowds at one address have room;
+/// wide for who comes first: with a round trip of 100 ms some 5 MB a second.
+constexpr std::size_t kSegmentBytes = 64 * 1024, kNarrowBytes = 2 * kSegmentBytes, kWideBytes = 1024 * 1024;
+constexpr double kWidePart = 0.5;  ///< Of what its holder may have: the rest is for those who come later.
+constexpr auto kSettleEvery = std::chrono::milliseconds(100);
+/// Twice what sending takes on one core of 2026.
+constexpr double kPieceUs = 5, kPlainBytesPerUs = 2'000, kTlsBytesPerUs = 1'000;
+
+int buffer_for(std::size_t held) {
+  return static_cast<int>((held - kSegmentBytes) / 2);
+}
 
 /// Parser errors, except those of a peer that went away.
 bool is_malformed_request(ErrorOf error) {
@@ -100,7 +112,9 @@ HttpConnection::HttpConnection(Context& context, Transport transport)
       transport_(std::move(transport)),
       timer_(context.loop.get_executor()),
       wire_(std::make_unique<Wire>(*this)),
-      peer_(peer_of(transport_.socket())) {}
+      peer_(peer_of(transport_.socket())) {
+  transport_.limit_unsent(kSegmentBytes);
+}
 
 HttpConnection::~HttpConnection() = default;
 
@@ -188,8 +202,12 @@ bool HttpConnection::is_body_limit(ErrorOf error) {
 
 void HttpConnection::arm(std::int64_t timeout_ms) {
   timer_.expires_after(std::chrono::milliseconds(timeout_ms));
-  timer_.async_wait([self = weak_from_this()](ErrorOf error) {
-    if (auto connection = self.lock(); connection && !error) connection->close();
+  const std::size_t left = output_ ? transport_.unacknowledged() : 0;
+  timer_.async_wait([self = weak_from_this(), timeout_ms, left](ErrorOf error) {
+    const auto connection = self.lock();
+    if (error || !connection) return;
+    const bool takes = left > 0 && connection->transport_.unacknowledged() <= left - left / 4;
+    takes && !connection->is_writing_ ? connection->arm(timeout_ms) : connection->close();
   });
 }
 
@@ -202,7 +220,8 @@ void HttpConnection::later(TimeUs wait_us, std::function<void()> then) {
 void HttpConnection::close() {
   timer_.cancel();
   if (pace_) pace_->cancel();
-  transport_.close();
+  if (settling_) settling_->cancel();
+  output_ ? transport_.reset() : transport_.close();
 }
 
 void HttpConnection::start() {
@@ -318,7 +337,7 @@ void HttpConnection::on_head_read(ErrorOf error) {
   if (is_malformed_request(error)) {
     return answer_error(HttpStatus::kBadRequest, fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
   }
-  close();
+  error == http::error::end_of_stream || error == asio::error::eof ? end() : close();
 }
 
 bool HttpConnection::can_keep_alive() const {
@@ -351,19 +370,112 @@ void HttpConnection::refuse_method(const char* why, const char* allowed) {
 }
 
 void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders headers) {
-  auto held = hold_bytes(body.size());
-  if (!held) return answer_limit(held.error().message);
-  const bool keep = can_keep_alive();
+  const auto owner = std::make_shared<const std::string>(std::move(body));
+  answer_with(status, *owner, owner, std::move(headers));
+}
+
+void HttpConnection::answer_with(HttpStatus status, std::string_view body, std::shared_ptr<const void> owner,
+                                 HttpHeaders headers) {
+  const std::size_t memory = owner ? body.size() : 0;
+  const auto next = [body, owner = std::move(owner)](const std::function<void(std::string_view)>& then) mutable {
+    const std::string_view piece = body.substr(0, kPieceBytes);
+    body.remove_prefix(piece.size());
+    then(piece);
+  };
+  answer_from(status, body.size(), memory, next, std::move(headers));
+}
+
+/// An answer on its way.
+struct HttpConnection::Outgoing {
+  std::string head;
+  std::uint64_t left;  ///< Of the body.
+  Source source;
+  std::shared_ptr<void> counted;  ///< In answers_now.
+};
+
+void HttpConnection::answer_from(HttpStatus status, std::uint64_t size, std::size_t memory, Source source,
+                                 HttpHeaders headers) {
   const bool bodiless = status == HttpStatus::kNotModified || status == HttpStatus::kNoContent;
+  const std::uint64_t to_send = bodiless || method() == "HEAD" ? 0 : size;
+  if (!begin_output(to_send, to_send > 0 ? memory : 0)) return;
   const auto is_type = [](const auto& field) { return field.first == "Content-Type"; };
-  if (!body.empty() && std::none_of(headers.begin(), headers.end(), is_type)) {
+  if (size > 0 && std::none_of(headers.begin(), headers.end(), is_type)) {
     headers.emplace_back("Content-Type", "application/json");
   }
-  if (!bodiless) headers.emplace_back("Content-Length", std::to_string(body.size()));
-  const auto text = std::make_shared<std::string>(head_of(status, std::move(headers)));
-  if (!bodiless && method() != "HEAD") *text += body;
+  if (!bodiless) headers.emplace_back("Content-Length", std::to_string(size));
+  ++context_.counters.answers_now;
+  const std::shared_ptr<void> counted(&context_, [&context = context_](void*) { --context.counters.answers_now; });
+  send_rest(
+      std::make_shared<Outgoing>(Outgoing{head_of(status, std::move(headers)), to_send, std::move(source), counted}));
+}
+
+bool HttpConnection::begin_output(std::uint64_t size, std::size_t memory) {
+  const std::size_t left = transport_.unacknowledged();
+  const std::uint64_t in_kernel = size + left;
+  auto held = hold_bytes(memory + std::min<std::uint64_t>(in_kernel, kNarrowBytes));
+  if (!held) {
+    size > Grant::kFreeBytes ? answer_limit(held.error().message) : close();
+    return false;
+  }
+  answers_ = true;
+  output_ = std::move(*held);
+  if (left <= kNarrowBytes) wide_.reset();
+  is_long_ = in_kernel > kNarrowBytes && !wide_;
+  if (is_long_) transport_.limit_send_buffer(buffer_for(kNarrowBytes));
+  return true;
+}
+
+void HttpConnection::widen() {
+  if (!is_long_ || !store(wide_, hold_bytes(kWideBytes - kNarrowBytes, kWidePart))) return;
+  is_long_ = false;
+  transport_.limit_send_buffer(buffer_for(kWideBytes));
+}
+
+void HttpConnection::send_rest(const std::shared_ptr<Outgoing>& out) {
+  const auto send_piece = [self = shared_from_this(), out](std::string_view piece) {
+    out->left -= piece.size();
+    const auto then = [self, out] {
+      out->head.clear();
+      self->send_rest(out);
+    };
+    if (piece.size() > Grant::kFreeBytes) return self->send_in_turn(out->head, piece, then);
+    self->arm(self->limits().transfer_ms);
+    self->send(out->head, piece, then);
+  };
+  if (out->left > 0) return out->source(send_piece);
+  out->head.empty() ? finish(can_keep_alive()) : send_piece({});
+}
+
+void HttpConnection::send_in_turn(std::string_view head, std::string_view body, std::function<void()> then) {
+  const auto bytes = static_cast<double>(head.size() + body.size());
+  const double us = kPieceUs + bytes / (transport_.is_tls() ? kTlsBytesPerUs : kPlainBytesPerUs);
+  const auto go = [self = shared_from_this(), head, body, then = std::move(then)] {
+    if (!self->transport_.socket().is_open()) return;
+    self->widen();
+    self->arm(self->limits().transfer_ms);
+    self->send(head, body, then);
+  };
+  disarm();
+  if (take_turn(us, take_sending(us), go)) go();
+}
+
+void HttpConnection::settle() {
+  if (!output_ || answers_) return;
+  if (transport_.unacknowledged() == 0) {
+    output_.reset();
+    wide_.reset();
+    if (ends_) close();
+    return;
+  }
+  if (!settling_) settling_ = std::make_unique<Timer>(context_.loop.get_executor());
+  run_after(*settling_, kSettleEvery, [self = shared_from_this()] { self->settle(); });
+}
+
+void HttpConnection::end() {
+  if (!output_) return close();
+  ends_ = true;
+  transport_.end_writing();
   arm(limits().transfer_ms);
-  send(asio::buffer(*text), [this, text, keep, held = std::move(*held)] { finish(keep); });
 }
 
 std::string HttpConnection::head_of(HttpStatus status, HttpHeaders headers) {
@@ -376,10 +488,11 @@ std::string HttpConnection::head_of(HttpStatus status, HttpHeaders headers) {
   return text + "\r\n";
 }
 
-void HttpConnection::send(asio::const_buffer bytes, std::function<void()> then) {
-  ++context_.counters.answers_now;
+void HttpConnection::send(std::string_view head, std::string_view body, std::function<void()> then) {
+  const std::array<asio::const_buffer, 2> bytes{asio::buffer(head), asio::buffer(body)};
+  is_writing_ = true;
   asio::async_write(transport_, bytes, [self = shared_from_this(), then = std::move(then)](ErrorOf error, std::size_t) {
-    --self->context_.counters.answers_now;
+    self->is_writing_ = false;
     if (error) return self->close();
     then();
   });
@@ -409,10 +522,12 @@ void HttpConnection::do_on(DiskThreads& threads, std::function<void()> work, std
 }
 
 void HttpConnection::finish(bool keep) {
+  answers_ = false;
+  settle();
   if (keep) return read_head();
   // Half-close, then drain for a while: closing with unread bytes sends a reset, which would discard the answer.
   transport_.end_writing();
-  arm(std::min(limits().transfer_ms, kMaxDrainMs));
+  arm(output_ ? limits().transfer_ms : std::min(limits().transfer_ms, kMaxDrainMs));
   drain(transport_);
 }
 
@@ -423,7 +538,7 @@ void HttpConnection::drain(Stream& stream) {
     const auto go_on = [self, &stream](ErrorOf) {
       self->transport_.socket().is_open() ? self->drain(stream) : self->close();
     };
-    if (error) return self->close();
+    if (error) return error == asio::error::eof ? self->end() : self->close();
     if (Timer* const pace = self->pace()) return pace->async_wait(go_on);
     go_on({});
   });

@@ -84,28 +84,35 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   /// Sends a whole answer, then reads the next request or closes. The body is JSON unless `headers` say otherwise.
   void answer(HttpStatus status, std::string body, HttpHeaders headers = {});
+  /// The same for bytes that `owner` keeps; null: they stay.
+  void answer_with(HttpStatus status, std::string_view body, std::shared_ptr<const void> owner, HttpHeaders headers);
+  /// The same for a body of `size` bytes from `source`, which takes `memory`.
+  /// Source: calls `then` with the next bytes, at most kPieceBytes, which stay until it is called again; or closes.
+  using Source = std::function<void(std::function<void(std::string_view)> then)>;
+  static constexpr std::size_t kPieceBytes = 64 * 1024;
+  void answer_from(HttpStatus status, std::uint64_t size, std::size_t memory, Source source, HttpHeaders headers);
   void answer_error(HttpStatus status, const Error& error, HttpHeaders headers = {});
   void answer_denial(const Denial& denial);
   /// 429: a limit is reached.
   void answer_limit(const std::string& why, int retry_after_s = 1) { answer_denial({429, why, retry_after_s}); }
   void refuse_method(const char* why, const char* allowed);
 
-  // For bodies that are sent or read piece by piece.
+  // For bodies that are read piece by piece.
 
-  std::string head_of(HttpStatus status, HttpHeaders headers);
-  /// Sends `bytes`, which the caller keeps, then calls `then`. Closes the connection on failure.
-  void send(asio::const_buffer bytes, std::function<void()> then);
+  /// Sends what the caller keeps, then calls `then`. Closes the connection on failure.
+  void send(std::string_view head, std::string_view body, std::function<void()> then);
   /// Reads the body's next bytes until `into` is full or the body has ended, then calls `then` with their number.
   /// REQUIRES: !is_body_read().
   void read_body(std::span<std::uint8_t> into, std::function<void(ErrorOf, std::size_t)> then);
   static bool is_body_limit(ErrorOf error);
-  /// Closes the connection after `timeout_ms` unless called again.
+  /// Closes the connection after `timeout_ms` unless called again, or the peer takes what was sent.
   void arm(std::int64_t timeout_ms);
   void disarm() { timer_.cancel(); }
   /// Calls `then` after `wait_us`, until when nothing times out; at once if that is 0.
   void later(TimeUs wait_us, std::function<void()> then);
   /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
+  /// At once, whatever the peer has not taken yet.
   void close();
   /// Runs `work`, which returns a Result, on the disk's threads in its holder's turns, then `then` with it on the loop:
   /// no file access delays a frame. Objects that must not end on the disk's threads belong into `then`. Both are
@@ -138,11 +145,14 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   virtual bool take_turn(double, TimeUs, std::function<void()>, LoopShare::Hold = {}) { return true; }
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
-  virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t) const { return std::shared_ptr<void>(); }
+  virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t, double = 1) const { return std::shared_ptr<void>(); }
+  /// Takes what sending costs from its holder's budget; how long it must wait.
+  virtual TimeUs take_sending(double /*us*/) { return 0; }
   const Context& context() const { return context_; }
 
  private:
   struct Wire;
+  struct Outgoing;
 
   /// An exception on the disk's threads would end the broker.
   template <typename Work>
@@ -154,6 +164,16 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     }
   }
 
+  std::string head_of(HttpStatus status, HttpHeaders headers);
+  /// Whether its holder may have so much memory, and of the kernel's what it holds of an answer, until the peer has
+  /// taken that; else it is refused.
+  bool begin_output(std::uint64_t size, std::size_t memory);
+  void widen();
+  void send_rest(const std::shared_ptr<Outgoing>& out);
+  void send_in_turn(std::string_view head, std::string_view body, std::function<void()> then);
+  void settle();
+  /// Closes once the peer has taken all, as it sends nothing more.
+  void end();
   bool names_one_host() const;
   void do_on(DiskThreads& threads, std::function<void()> work, std::function<void()> then);
   void read_head();
@@ -173,6 +193,13 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::unique_ptr<Timer> pace_;
   std::unique_ptr<Wire> wire_;
   std::shared_ptr<void> unfinished_;  ///< Counts its memory.
+  std::shared_ptr<void> output_;      ///< Counts that of an answer, here and in the kernel, until the peer has it;
+  std::shared_ptr<void> wide_;        ///< and that of a larger send buffer.
+  std::unique_ptr<Timer> settling_;
+  bool is_long_ = false;  ///< The answer may fill the send buffer, and wide_ is not held yet.
+  bool answers_ = false;
+  bool is_writing_ = false;
+  bool ends_ = false;  ///< The peer sends nothing more.
   IpAddress peer_;
 };
 

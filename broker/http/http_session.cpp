@@ -85,7 +85,12 @@ class HttpSession final : public HttpConnection {
     return context().newcomers.take(holder(), is_paid_later ? 0 : us, wait_us, std::move(then), std::move(hold));
   }
 
-  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes) const override { return payer().hold_bytes(bytes); }
+  Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes, double part) const override {
+    return payer().hold_bytes(bytes, part);
+  }
+  TimeUs take_sending(double us) override {
+    return payer().is_spared() ? 0 : *payer().take_http_work(us, steady_now_us(), kForeverUs);
+  }
 
   void decorate(HttpHeaders& headers) const override {
     headers.emplace_back("X-Content-Type-Options", "nosniff");  // An asset must not be a script of the page's.
@@ -113,7 +118,8 @@ class HttpSession final : public HttpConnection {
     const auto payer = context().gate.stranger(request, now_us);
     const auto wait_us = payer->take_http_work(us, now_us, kMaxRequestWaitUs);
     if (!wait_us) {
-      return later(kRefusalWaitUs, [this] { answer_limit("tokens to check are over work_us_per_s", kMaxRequestWaitS); });
+      return later(kRefusalWaitUs,
+                   [this] { answer_limit("tokens to check are over work_us_per_s", kMaxRequestWaitS); });
     }
     const auto in_turn = [self = shared_from_this(), this] {
       if (transport().socket().is_open()) begin();

@@ -43,13 +43,17 @@ std::string etag_of_file(const std::string& path) {
 
 /// Found in web.folder. Without text where the client has it already.
 struct FolderFile {
-  std::string text, etag;
+  std::shared_ptr<const std::string> text = std::make_shared<const std::string>();
+  std::string etag;
 };
 
 Result<FolderFile> file_in_folder(const std::string& path, const std::string& known_etags) {
-  FolderFile file{{}, etag_of_file(path)};
+  FolderFile file;
+  file.etag = etag_of_file(path);
   if (!file.etag.empty() && etag_matches(known_etags, file.etag)) return file;
-  if (auto read = store(file.text, read_file(path, kMaxFileBytes)); !read) return read.error();
+  auto text = read_file(path, kMaxFileBytes);
+  if (!text) return text.error();
+  file.text = std::make_shared<const std::string>(std::move(*text));
   return file;
 }
 
@@ -58,8 +62,9 @@ void answer_missing(HttpConnection& connection, const std::string& why, HttpHead
   connection.answer_error(HttpStatus::kNotFound, fail(ErrorCode::kNotFound, why), std::move(headers));
 }
 
-/// Answers by 304 where the client has it already; else charges the client's address for it.
-void answer_body(HttpConnection& connection, std::string_view body, const std::string& etag, HttpHeaders headers) {
+/// Answers by 304 where the client has it already; else charges the client's address for what `owner` keeps.
+void answer_body(HttpConnection& connection, std::string_view body, std::shared_ptr<const void> owner,
+                 const std::string& etag, HttpHeaders headers) {
   headers.emplace_back("ETag", etag);
   if (etag_matches(connection.header("If-None-Match"), etag)) {
     return connection.answer(HttpStatus::kNotModified, {}, std::move(headers));
@@ -68,13 +73,13 @@ void answer_body(HttpConnection& connection, std::string_view body, const std::s
   const auto payer = connection.context().gate.stranger(connection.access_request({}), now_us);
   const auto taken = payer->take_download(connection.method() == "HEAD" ? 0 : body.size(), now_us);
   if (!taken) return connection.answer_limit(taken.error().message, kPageRetryAfterS);
-  connection.answer(HttpStatus::kOk, std::string(body), std::move(headers));
+  connection.answer_with(HttpStatus::kOk, body, std::move(owner), std::move(headers));
 }
 
-/// Calls `then` with the file, empty if the client has its `known_etags`, and its ETag in web.folder, or what is built
-/// in; or answers why there is none.
+/// Calls `then` with the file, empty if the client has its `known_etags`, who keeps it, and its ETag in web.folder, or
+/// what is built in; or answers why there is none.
 void find_file(HttpConnection& connection, std::string_view name, const std::string& known_etags,
-               std::function<void(const WebFile&, const std::string& etag)> then) {
+               std::function<void(const WebFile&, const std::shared_ptr<const void>&, const std::string& etag)> then) {
   const auto& web = connection.context().config.web;
   if (!web.enabled) return answer_missing(connection, "the page of this broker is off (web.enabled)");
   if (name.empty() || name.starts_with('.') || name.find_first_not_of(kLetters) != std::string_view::npos) {
@@ -87,12 +92,12 @@ void find_file(HttpConnection& connection, std::string_view name, const std::str
         [path = web.folder + "/" + std::string(name), known_etags] { return file_in_folder(path, known_etags); },
         [&connection, name = std::string(name), then = std::move(then)](const Result<FolderFile>& file) {
           if (!file) return answer_missing(connection, "web.folder has no such file");
-          then({name, file->text, {}, {}}, file->etag);
+          then({name, *file->text, {}, {}}, file->text, file->etag);
         });
   }
   const auto files = web_files();
   const auto file = std::find_if(files.begin(), files.end(), [&](const WebFile& each) { return each.name == name; });
-  if (file != files.end()) return then(*file, "\"" + std::string(web_version()) + "\"");
+  if (file != files.end()) return then(*file, nullptr, "\"" + std::string(web_version()) + "\"");
   answer_missing(connection, files.empty() ? "this broker was built without the page: cmake says what it takes"
                                            : "the page has no file of that name");
 }
@@ -186,21 +191,22 @@ void serve_page(HttpConnection& connection, const std::string& stream) {
     return answer_missing(connection, "the WebSockets of a stream are /v1/subscribe/STREAM and /v1/publish/STREAM");
   }
   if (!wants_html(connection.joined_headers("Accept"))) return answer_endpoints(connection, stream);
-  find_file(connection, "page.html", {}, [&connection, stream](const WebFile& page, const std::string& etag) {
-    Context& context = connection.context();
-    std::string version(context.config.web.folder.empty() ? web_version() : "");
-    const std::string files = root_from(stream) + "v1/web/" + (version.empty() ? "" : version + "/");
-    const std::string head_end = preload_of(connection, context, stream) + "</head>";
-    std::string text(page.plain);
-    replace_all(text, "{web}", files);
-    replace_all(text, "</head>", head_end);
-    answer_body(connection, text, etag_of(etag + files + head_end),
-                {{"Content-Type", "text/html; charset=utf-8"},
-                 {"Cache-Control", "no-cache"},
-                 {"Content-Security-Policy", content_policy(connection, context)},
-                 {"Referrer-Policy", "no-referrer"},
-                 {"Vary", "Accept"}});
-  });
+  find_file(connection, "page.html", {},
+            [&connection, stream](const WebFile& page, const auto&, const std::string& etag) {
+              Context& context = connection.context();
+              std::string version(context.config.web.folder.empty() ? web_version() : "");
+              const std::string files = root_from(stream) + "v1/web/" + (version.empty() ? "" : version + "/");
+              const std::string head_end = preload_of(connection, context, stream) + "</head>";
+              const auto text = std::make_shared<std::string>(page.plain);
+              replace_all(*text, "{web}", files);
+              replace_all(*text, "</head>", head_end);
+              answer_body(connection, *text, text, etag_of(etag + files + head_end),
+                          {{"Content-Type", "text/html; charset=utf-8"},
+                           {"Cache-Control", "no-cache"},
+                           {"Content-Security-Policy", content_policy(connection, context)},
+                           {"Referrer-Policy", "no-referrer"},
+                           {"Vary", "Accept"}});
+            });
 }
 
 void serve_web_file(HttpConnection& connection, std::string_view rest) {
@@ -209,7 +215,7 @@ void serve_web_file(HttpConnection& connection, std::string_view rest) {
   const std::string current = std::string(web_version()) + "/";
   const bool versioned = connection.context().config.web.folder.empty() && rest.starts_with(current);
   if (versioned) rest.remove_prefix(current.size());
-  const auto answer = [&connection, versioned](const WebFile& file, const std::string& plain_etag) {
+  const auto answer = [&connection, versioned](const WebFile& file, const auto& owner, const std::string& plain_etag) {
     const auto coding = chosen_coding(connection.joined_headers("Accept-Encoding"), file);
     HttpHeaders headers{kAnyOrigin, {"Vary", "Accept-Encoding"}};
     if (!coding) {
@@ -221,7 +227,7 @@ void serve_web_file(HttpConnection& connection, std::string_view rest) {
     if (!coding->first.empty()) headers.emplace_back("Content-Encoding", coding->first);
     std::string etag = plain_etag;
     etag.insert(etag.size() - 1, coding->first);
-    answer_body(connection, coding->second, etag, std::move(headers));
+    answer_body(connection, coding->second, owner, etag, std::move(headers));
   };
   find_file(connection, rest, connection.header("If-None-Match"), answer);
 }

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "broker/sockets/transport.h"
 
+#include <linux/sockios.h>
+#include <netinet/tcp.h>
 #include <openssl/err.h>
 #include <openssl/evp.h>
 #include <openssl/ssl.h>
+#include <sys/ioctl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -195,6 +198,32 @@ void Transport::end_writing() {
 void Transport::close() {
   ErrorOf ignored;
   socket_.close(ignored);
+}
+
+void Transport::reset() {
+  ErrorOf ignored;
+  socket_.set_option(Socket::linger(true, 0), ignored);
+  close();
+}
+
+std::size_t Transport::unacknowledged() {
+  int bytes = 0;
+  return socket_.is_open() && ::ioctl(socket_.native_handle(), SIOCOUTQ, &bytes) == 0 && bytes > 0
+             ? static_cast<std::size_t>(bytes)
+             : 0;
+}
+
+void Transport::limit_unsent(int bytes) {
+  ErrorOf ignored;
+  socket_.set_option(asio::detail::socket_option::integer<IPPROTO_TCP, TCP_NOTSENT_LOWAT>(bytes), ignored);
+}
+
+void Transport::limit_send_buffer(int bytes) {
+  ErrorOf ignored;
+  if (bytes > 0) return void(socket_.set_option(Socket::send_buffer_size(bytes), ignored));
+#ifdef SO_BUF_LOCK  // Linux 5.14: what was set once does not stay for ever.
+  socket_.set_option(asio::detail::socket_option::integer<SOL_SOCKET, SO_BUF_LOCK>(0), ignored);
+#endif
 }
 
 }  // namespace eigencast::broker

@@ -5,6 +5,8 @@
 #include <sys/socket.h>
 #include <sys/uio.h>
 
+#include <algorithm>
+#include <array>
 #include <boost/asio/async_result.hpp>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/compose.hpp>
@@ -53,7 +55,7 @@ class Transport {
 
   /// Continues the TLS handshake; done when the outcome does not wait. Plain: done.
   Outcome shake_hands();
-  double handshake_us() const;  ///< What a handshake takes, by the kind and size of the certificate's key.
+  double handshake_us() const;         ///< What a handshake takes, by the kind and size of the certificate's key.
   bool asks_for_certificates() const;  ///< Of clients.
   Outcome read(std::span<std::uint8_t> into);
   /// The peer's TLS records, with data or not, that were worked off since the last call.
@@ -68,6 +70,14 @@ class Transport {
   std::size_t held_bytes() const { return held_; }
   void end_writing();
   void close();
+  /// Closes so that the kernel keeps nothing of what the peer has not taken.
+  void reset();
+
+  // What the kernel holds of what was written.
+
+  std::size_t unacknowledged();       ///< Bytes that the peer has not acknowledged.
+  void limit_unsent(int bytes);       ///< Beyond what is on its way (TCP_NOTSENT_LOWAT). 0: as the system says.
+  void limit_send_buffer(int bytes);  ///< In all (SO_SNDBUF): twice that, and a segment. 0: the kernel's choice.
 
   template <typename Handler>
   void async_wait(Wait wait, Handler&& handler) {
@@ -87,14 +97,19 @@ class Transport {
   }
   template <typename Buffers, typename Handler>
   auto async_write_some(const Buffers& buffers, Handler&& handler) {
-    iovec piece{nullptr, 0};  // The first non-empty buffer: callers continue with the rest.
+    std::array<iovec, 2> pieces{};  // The first non-empty buffers: callers continue with the rest.
+    std::size_t count = 0;
     for (auto it = asio::buffer_sequence_begin(buffers); it != asio::buffer_sequence_end(buffers); ++it) {
       const asio::const_buffer from = *it;
       if (from.size() == 0) continue;
-      piece = {const_cast<void*>(from.data()), from.size()};
-      break;
+      pieces[count++] = {const_cast<void*>(from.data()), from.size()};
+      if (count == pieces.size()) break;
     }
-    return move_some([this, piece] { return write({&piece, 1}); }, std::forward<Handler>(handler));
+    return move_some(
+        [this, pieces, count] {
+          return write({pieces.data(), std::max<std::size_t>(count, 1)});
+        },
+        std::forward<Handler>(handler));
   }
 
  private:

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <thread>
 #include <vector>
 
 #include "common/core/clock.h"
@@ -200,6 +201,54 @@ TEST_F(HttpSessionTest, RequestsOfAllTakeHalfOfTheLoopsTime) {
   }
   for (const auto& wire : wires) EXPECT_THAT(wire->read_all().value_or("reset"), StartsWith("HTTP/1.1 204"));
   EXPECT_GE(steady_now_us() - began_us, 10 * 100 * (15'000 / 64) * 2 - 10'000);
+}
+
+TEST_F(HttpSessionTest, BodiesTakeHalfOfTheLoopsTime) {
+  stop();
+  config_.web.enabled = true;
+  config_.web.folder = folder_ + "/page";
+  config_.assets.max_object_bytes = 1 << 20;
+  config_.limits.max_unfinished_bytes = config_.per_address.unfinished_bytes = 1 << 30;
+  std::filesystem::create_directories(config_.web.folder);
+  const std::string body(1 << 20, 'x');
+  std::ofstream(config_.web.folder + "/a.js") << body;
+  start();
+  for (const std::string& target : {std::string("/v1/web/a.js"), "/v1/assets/" + put_asset(body)}) {
+    const std::string head = "GET " + target + " HTTP/1.1\r\nHost: localhost\r\n";
+    const TimeUs began_us = steady_now_us();
+    std::vector<std::unique_ptr<Wire>> wires;
+    for (int i = 0; i < 4; ++i) {
+      wires.push_back(std::make_unique<Wire>(port_));
+      for (int j = 1; j < 50; ++j) wires.back()->write(head + "\r\n");
+      wires.back()->write(head + "Connection: close\r\n\r\n");
+    }
+    for (const auto& wire : wires) EXPECT_GT(wire->read_all().value_or("reset").size(), 50 * body.size()) << target;
+    EXPECT_GE(steady_now_us() - began_us, 4 * 50 * (1 << 20) / 2000 * 2 - 10'000) << target;
+  }
+}
+
+TEST_F(HttpSessionTest, DownloadsThatAreNotReadAreChargedAndEndWithAReset) {
+  stop();
+  config_.assets.max_object_bytes = 16 << 20;
+  config_.per_address.unfinished_bytes = 2 << 20;
+  config_.timeouts.transfer_ms = 1'000;
+  start();
+  const std::string ask =
+      "GET /v1/assets/" + put_asset(std::string(16 << 20, 'x')) + " HTTP/1.1\r\nHost: localhost\r\n";
+  std::vector<std::unique_ptr<Wire>> unread;
+  for (int i = 0; i < 20; ++i) {
+    unread.push_back(std::make_unique<Wire>(port_));
+    unread.back()->write(ask + "\r\n");
+  }
+  Wire more(port_);
+  more.write(ask + "Connection: close\r\n\r\n");
+  EXPECT_THAT(more.read_all().value_or("reset"), AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("unfinished_bytes")));
+  const auto under_way = [&] {
+    return http_request(admin_port_, "GET", "/metrics").body.find("\neigencast_broker_downloads 0\n") ==
+           std::string::npos;
+  };
+  while (under_way()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  EXPECT_EQ(unread.front()->read_all(), std::nullopt) << "the kernel keeps nothing for it";
 }
 
 /// Of many networks of a site, as each may fail some times a minute.
