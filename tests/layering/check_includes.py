@@ -95,7 +95,7 @@ LIBRARIES = {
     "spdlog": (r"spdlog/", {"common/command_line", "sender"}, 11),
     "toml++": (r"toml(\+\+|plusplus)", {"broker/config"}, 1),
     "GL and windows": (r"(epoxy|GLFW|EGL|GL|X11|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"view", "client"}, 5),
-    "GLM": (r"glm/", {"view", "client", "sender/studio"}, 26),
+    "GLM": (r"glm/", {"view", "client", "sender/studio"}, 27),
     "zlib": (r"zlib\.h", {"tools/latency"}, 1),
     "libpng": (r"png\.h", {"view"}, 1),
     "libjpeg": (r"jpeglib\.h", {"view"}, 1),
