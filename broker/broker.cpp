@@ -89,9 +89,8 @@ asio::ip::address own_address() {
 void send_bye_to_all(Context& loop, std::uint32_t spread_ms) {
   std::minstd_rand random(std::random_device{}());
   std::uniform_int_distribution<std::uint32_t> later(0, spread_ms);
-  // Copied: a connection with nothing to send may close within the call.
-  const std::vector<Connection*> open(loop.connections.begin(), loop.connections.end());
-  for (Connection* connection : open) {
+  const Connections open = loop.connections;  // A connection with nothing to send may close within the call.
+  for (const auto& [id, connection] : open) {
     connection->send_bye("the broker is stopping", kRestartRetryMs + later(random),
                          websocket::CloseCode::kServiceRestart);
   }

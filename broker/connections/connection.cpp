@@ -98,7 +98,7 @@ void Connection::start(std::string answer) {
     open_ = true;
     blocked_ = false;
     counted_ = counted_in(context_.connection_count);
-    context_.connections.insert(this);
+    context_.connections.emplace_hint(context_.connections.end(), id_, this);
     send_framed(std::make_shared<const std::string>(std::move(answer)));
     wait_to_read(Transport::Wait::kReadable);
     on_open();
@@ -462,7 +462,7 @@ void Connection::ended() {
   if (!open_) return;
   pay_for_output();
   counted_.reset();
-  context_.connections.erase(this);
+  context_.connections.erase(id_);
   on_closed();
 }
 

@@ -87,6 +87,7 @@ void Publisher::on_replaced() {
 void Publisher::describe(ClientInfo& info) const {
   Connection::describe(info);
   info.kind = ClientInfo::Kind::kSender;
+  info.stream_count = 1;
   info.streams.push_back({name_, {}, 0});
 }
 

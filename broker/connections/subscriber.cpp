@@ -42,9 +42,11 @@ std::string Subscriber::label() const {
 void Subscriber::describe(ClientInfo& info) const {
   Connection::describe(info);
   info.kind = ClientInfo::Kind::kViewer;
+  info.stream_count = streams_.size();
   for (const auto& [id, watched] : streams_) {
+    if (info.streams.size() == ClientInfo::kMaxStreams) break;
     const Stream& stream = *watched.stream;
-    info.streams.push_back({stream.name(), query_from_profile(stream.info_for(*this).profile), watched.ladder.rung()});
+    info.streams.push_back({stream.name(), query_from_profile(stream.profile_of(*this)), watched.ladder.rung()});
   }
 }
 
@@ -295,8 +297,8 @@ double Subscriber::tell_moments() {
 void Subscriber::follow_beat() {
   synchronised_ = std::any_of(streams_.begin(), streams_.end(),
                               [](const auto& watched) { return watched.second.moment.has_value(); });
-  if (rooms_.empty() && !synchronised_) return void(context().on_beat.erase(this));
-  context().on_beat.insert(this);
+  if (rooms_.empty() && !synchronised_) return void(context().on_beat.erase(id()));
+  context().on_beat.emplace(id(), this);
   context().arm_beat();
 }
 
@@ -506,7 +508,7 @@ void Subscriber::on_closed() {
   report_dropped();
   end_rewinds();
   for (const auto& [room, seat] : std::exchange(rooms_, {})) context().rooms.leave(room, seat);
-  context().on_beat.erase(this);
+  context().on_beat.erase(id());
   for (const auto& [id, watched] : std::exchange(streams_, {})) {
     if (watched.moment) context().moments.leave(*watched.moment);
     watched.stream->unwatch(*this);

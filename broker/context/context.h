@@ -4,8 +4,8 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <string>
-#include <unordered_set>
 #include <vector>
 
 #include "broker/config/config.h"
@@ -50,6 +50,8 @@ struct SharedContext {
   std::string session_id;
 };
 
+using Connections = std::map<std::uint64_t, Connection*>;  ///< By id.
+
 /// What the connections of one event loop share. Built before them, destroyed after them. Used on the loop's thread.
 struct Context : SharedContext {
   boost::asio::io_context& loop;  ///< Any thread may post to it.
@@ -67,9 +69,9 @@ struct Context : SharedContext {
   /// Connections of this loop, those on their way to it included. Any thread may read it.
   std::atomic<std::uint64_t> connection_count{0};
   Counters counters{};
-  std::unordered_set<Connection*> connections{};  ///< Open WebSockets.
-  std::unordered_set<Connection*> on_beat{};      ///< They are told news at most ten times a second,
-  std::function<void()> arm_beat{};               ///< once this is called for the first.
+  Connections connections{};         ///< Open WebSockets.
+  Connections on_beat{};             ///< They are told news at most ten times a second,
+  std::function<void()> arm_beat{};  ///< once this is called for the first.
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;

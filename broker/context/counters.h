@@ -83,7 +83,9 @@ struct ClientInfo {
     std::string profile;   ///< In use; empty: it is the sender.
     std::size_t rung = 0;  ///< Steps of the ladder below the requested profile.
   };
-  std::vector<Watched> streams;
+  static constexpr std::size_t kMaxStreams = 8;
+  std::vector<Watched> streams;         ///< The first kMaxStreams
+  std::size_t stream_count = 0;         ///< of these.
   std::optional<TimeUs> round_trip_us;  ///< Least recent time from a frame to its acknowledgement.
   bool acknowledges = false;
   std::uint64_t frames_sent = 0;

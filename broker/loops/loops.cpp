@@ -143,24 +143,23 @@ void Loop::arm_schedule() {
 
 void Loop::tick() {
   run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
-  if (!to_tick_.empty()) return;
-  to_tick_.assign(context_.connections.begin(), context_.connections.end());
-  tick_some();
+  if (ticked_ == 0) tick_some();
 }
 
 void Loop::tick_some() {
-  visit_some(to_tick_, context_.connections, &Connection::tick, &Loop::tick_some);
+  visit_some(ticked_, context_.connections, &Connection::tick, &Loop::tick_some);
 }
 
-template <typename Set>
-void Loop::visit_some(std::vector<Connection*>& left, const Set& those, void (Connection::*visit)(),
+void Loop::visit_some(std::uint64_t& last, const Connections& those, void (Connection::*visit)(),
                       void (Loop::*again)()) {
-  for (const TimeUs until_us = steady_now_us() + kVisitUs; !left.empty() && steady_now_us() < until_us;) {
-    Connection* connection = left.back();
-    left.pop_back();
-    if (those.contains(connection)) guarded([&] { (connection->*visit)(); });
-  }
-  if (!left.empty()) asio::post(io_, [this, again] { (this->*again)(); });
+  const TimeUs until_us = steady_now_us() + kVisitUs;
+  do {
+    const auto next = those.upper_bound(last);
+    last = next == those.end() ? 0 : next->first;
+    if (last == 0) return;
+    guarded([connection = next->second, visit] { (connection->*visit)(); });
+  } while (steady_now_us() < until_us);
+  asio::post(io_, [this, again] { (this->*again)(); });
 }
 
 void Loop::arm_beat() {
@@ -169,14 +168,12 @@ void Loop::arm_beat() {
     beat_armed_ = false;
     if (context_.on_beat.empty()) return;
     arm_beat();
-    if (!to_tell_.empty()) return;
-    to_tell_.assign(context_.on_beat.begin(), context_.on_beat.end());
-    tell_some();
+    if (told_ == 0) tell_some();
   });
 }
 
 void Loop::tell_some() {
-  visit_some(to_tell_, context_.on_beat, &Connection::beat, &Loop::tell_some);
+  visit_some(told_, context_.on_beat, &Connection::beat, &Loop::tell_some);
 }
 
 struct Loops::Other {

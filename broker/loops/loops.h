@@ -55,9 +55,8 @@ class Loop {
   void tick_some();
   void arm_beat();
   void tell_some();
-  /// Some of the connections that are left, if they are still among `those`; the others in later turns, by `again`.
-  template <typename Set>
-  void visit_some(std::vector<Connection*>& left, const Set& those, void (Connection::*visit)(), void (Loop::*again)());
+  /// Some of `those` after the id `last`, which is 0 once all are visited; the others in later turns, by `again`.
+  void visit_some(std::uint64_t& last, const Connections& those, void (Connection::*visit)(), void (Loop::*again)());
 
   Hub hub_;
   FairReads memory_reads_, past_reads_;
@@ -71,7 +70,7 @@ class Loop {
   Timer tick_;
   Timer beat_;
   bool beat_armed_ = false;
-  std::vector<Connection*> to_tick_, to_tell_;
+  std::uint64_t ticked_ = 0, told_ = 0;
 };
 
 /// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The

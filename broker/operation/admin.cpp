@@ -2,10 +2,13 @@
 #include "broker/operation/admin.h"
 
 #include <algorithm>
+#include <charconv>
 #include <ctime>
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -27,33 +30,47 @@ using nlohmann::json;
 
 constexpr std::int64_t kTimeoutMs = 5'000;
 constexpr std::int64_t kMaxConnections = 64;
+constexpr std::size_t kMaxListedClients = 50;
 constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;  ///< Ignored: parameters are in the query.
 
 double seconds(TimeUs us) {
   return static_cast<double>(us) * 1e-6;
 }
 
+std::optional<std::uint64_t> id_from(std::string_view text) {
+  std::uint64_t id = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
+  return error == std::errc() && end == text.data() + text.size() ? std::optional(id) : std::nullopt;
+}
+
 std::string json_text(const json& value) {
   return value.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 
-json json_of(const ClientInfo& client) {
-  json streams = json::array();
+/// Its streams by hand, as page_of_streams() does: there may be many.
+void append_json(const ClientInfo& client, std::string& out) {
+  const json rest = {
+      {"id", client.id},
+      {"kind", client.kind == ClientInfo::Kind::kSender ? "sender" : "viewer"},
+      {"who", client.who},
+      {"connected_s", seconds(client.connected_us)},
+      {"stream_count", client.stream_count},
+      {"round_trip_ms", client.round_trip_us ? json(static_cast<double>(*client.round_trip_us) * 1e-3) : json()},
+      {"acknowledges", client.acknowledges},
+      {"frames_sent", client.frames_sent},
+      {"bytes_sent", client.bytes_sent},
+      {"frames_dropped", client.dropped},
+      {"joins_sent", client.joins},
+      {"control_waiting", client.control_waiting}};
+  out += rest.dump(-1, ' ', false, json::error_handler_t::replace);
+  out.back() = ',';
+  out += R"("streams":[)";
   for (const auto& watched : client.streams) {
-    streams.push_back({{"stream", watched.stream}, {"profile", watched.profile}, {"rung", watched.rung}});
+    out.append(R"({"stream":")").append(watched.stream).append(R"(","profile":")").append(watched.profile);
+    out.append(R"(","rung":)").append(std::to_string(watched.rung)).append("},");
   }
-  return {{"id", client.id},
-          {"kind", client.kind == ClientInfo::Kind::kSender ? "sender" : "viewer"},
-          {"who", client.who},
-          {"connected_s", seconds(client.connected_us)},
-          {"streams", streams},
-          {"round_trip_ms", client.round_trip_us ? json(static_cast<double>(*client.round_trip_us) * 1e-3) : json()},
-          {"acknowledges", client.acknowledges},
-          {"frames_sent", client.frames_sent},
-          {"bytes_sent", client.bytes_sent},
-          {"frames_dropped", client.dropped},
-          {"joins_sent", client.joins},
-          {"control_waiting", client.control_waiting}};
+  if (out.back() == ',') out.pop_back();
+  out += "]}";
 }
 
 std::string streams_report(const Context& context, const Statistics& statistics) {
@@ -77,12 +94,36 @@ std::string streams_report(const Context& context, const Statistics& statistics)
   return json_text({{"streams", list}});
 }
 
-std::string clients_report(std::vector<ClientInfo> clients) {
-  std::sort(clients.begin(), clients.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
-  json list = json::array();
-  for (const ClientInfo& client : clients) list.push_back(json_of(client));
-  return json_text({{"clients", list}});
-}
+/// The first clients with ids after `after`: each loop adds its own.
+struct ClientPage {
+  std::uint64_t after = 0;
+  std::vector<ClientInfo> clients{};  ///< By id; one more than the page has, if more follow.
+  std::size_t total = 0;
+
+  void add(const Context& loop) {
+    total += loop.connections.size();
+    const auto added = static_cast<std::ptrdiff_t>(clients.size());
+    auto next = loop.connections.upper_bound(after);
+    for (std::size_t i = 0; i <= kMaxListedClients && next != loop.connections.end(); ++i, ++next) {
+      next->second->describe(clients.emplace_back());
+    }
+    std::inplace_merge(clients.begin(), clients.begin() + added, clients.end(),
+                       [](const auto& a, const auto& b) { return a.id < b.id; });
+    clients.resize(std::min(clients.size(), kMaxListedClients + 1));
+  }
+
+  std::string report() const {
+    const std::size_t listed = std::min(clients.size(), kMaxListedClients);
+    std::string page = R"({"clients":[)";
+    for (std::size_t i = 0; i < listed; ++i) {
+      if (i > 0) page += ',';
+      append_json(clients[i], page);
+    }
+    page.append(R"(],"total":)").append(std::to_string(total));
+    if (clients.size() > listed) page.append(R"(,"next":)").append(std::to_string(clients[listed - 1].id));
+    return page + "}\n";
+  }
+};
 
 std::string recordings_report(const Context& context) {
   json list = json::array();
@@ -171,12 +212,15 @@ class AdminSession final : public HttpConnection {
         [this, statistics, report, headers] { answer(HttpStatus::kOk, report(context(), *statistics), headers); });
   }
   void answer_clients() {
-    const auto clients = std::make_shared<std::vector<ClientInfo>>();
-    ask_loops(
-        [clients](Context& loop) {
-          for (const Connection* connection : loop.connections) connection->describe(clients->emplace_back());
-        },
-        [this, clients] { answer(HttpStatus::kOk, clients_report(std::move(*clients))); });
+    const auto page = std::make_shared<ClientPage>();
+    const std::string after = parameter("after");
+    if (const auto id = id_from(after)) {
+      page->after = *id;
+    } else if (!after.empty()) {
+      return answer_result(fail(ErrorCode::kInvalidArgument,
+                                "?after=ID: '" + after + "' is no id: take 'next' of the page before, or none"));
+    }
+    ask_loops([page](Context& loop) { page->add(loop); }, [this, page] { answer(HttpStatus::kOk, page->report()); });
   }
 
   bool admitted() {
@@ -264,18 +308,18 @@ class AdminSession final : public HttpConnection {
   }
 
   void kick() {
-    const std::string id = parameter("id");
+    const std::string text = parameter("id");
+    const auto id = id_from(text);
     const auto result = std::make_shared<Result<void>>(
-        fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
+        fail(ErrorCode::kNotFound, "?id=N: there is no client '" + text + "', see /api/clients"));
     ask_loops(
         [id, result](Context& loop) {
-          for (Connection* connection : loop.connections) {
-            if (*result || std::to_string(connection->id()) != id || connection->is_closing()) continue;
-            *result = {};
-            log(loop.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
-            ++loop.counters.kicked;
-            return connection->send_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
-          }
+          const auto found = id ? loop.connections.find(*id) : loop.connections.end();
+          if (found == loop.connections.end() || found->second->is_closing()) return;
+          *result = {};
+          log(loop.log, LogLevel::kWarning, found->second->name() + ": closed through the admin port");
+          ++loop.counters.kicked;
+          found->second->send_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
         },
         [this, result] { answer_result(*result); });
   }

@@ -225,6 +225,7 @@ class Stream {
   /// About how long a part of a frame of its sender takes to decode, by its bytes; the coefficients count for the last.
   double decoding_us(std::uint64_t bytes, bool last) const;
   control::StreamInfo info_for(const Watcher& watcher) const;
+  Profile profile_of(const Watcher& watcher) const;
   /// Reports to watchers that what comes from the next epoch on is of the past.
   void set_rewind(const control::StreamInfo::Rewind& rewind) { rewind_ = rewind; }
   /// The same as a message: one for all of a profile, as a stream may have many watchers and long names.
@@ -301,7 +302,6 @@ class Stream {
   };
   using GroupKey = std::pair<Profile, bool>;  ///< Profile, plain.
 
-  Profile profile_of(const Watcher& watcher) const;
   Profile effective(const Profile& wanted) const;
   Profile affordable(const Watched& watched, const Watcher& watcher) const;
   /// Whether it has no memory that keys need.

@@ -260,7 +260,7 @@ TEST_F(ConnectionTest, WhatCrowdsAreToldLeavesStreamsTheirTurns) {
     viewers.back()->beat_us = kBeatUs;
   }
   Context& context = loops_->first().context();
-  for (const auto& viewer : viewers) context.on_beat.insert(viewer.get());
+  for (const auto& viewer : viewers) context.on_beat.emplace(viewer->id(), viewer.get());
   context.arm_beat();
   const double most_us = most_over_half(kViewers * kBeatUs, [&] {
     double sum_us = 0;

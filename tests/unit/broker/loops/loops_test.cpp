@@ -3,9 +3,11 @@
 // A whole broker of several event loops.
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <atomic>
 #include <exception>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -152,6 +154,38 @@ TEST_F(LoopsTest, OperatorListsAndKicksClientsOfAllLoops) {
   EXPECT_EQ(kick(clients[1]["id"].get<std::uint64_t>()), "404");
   EXPECT_EQ(metric("eigencast_broker_kicked_total"), 5);
   EXPECT_EQ(wait_for_count(*publisher, 0), 0u);
+}
+
+TEST_F(LoopsTest, OperatorSeesClientsAPageAtATime) {
+  constexpr std::size_t kClients = 120, kPage = 50;
+  std::vector<std::unique_ptr<Client>> all;
+  for (std::size_t i = 0; i < kClients; ++i) all.push_back(std::make_unique<Client>(port_, "/v1/subscribe"));
+  for (int i = 0; i < 20; ++i) all.front()->send(control::Subscribe{"s" + std::to_string(i), Profile{}});
+  for (int i = 0; i < 20; ++i) (void)all.front()->wait_for<control::StreamInfo>();
+  std::vector<std::size_t> sizes;
+  std::vector<std::uint64_t> ids;
+  std::string after;
+  do {
+    const auto page = facts("/api/clients" + after);
+    EXPECT_EQ(page["total"], kClients);
+    ASSERT_LE(page["clients"].size(), kPage);
+    sizes.push_back(page["clients"].size());
+    for (const auto& client : page["clients"]) ids.push_back(client["id"]);
+    if (after.empty()) {
+      EXPECT_EQ(page["clients"][0]["streams"].size(), 8u);
+      EXPECT_EQ(page["clients"][0]["stream_count"], 20);
+    }
+    after = page.contains("next") ? "?after=" + page["next"].dump() : "";
+  } while (!after.empty());
+  EXPECT_EQ(sizes, (std::vector<std::size_t>{kPage, kPage, kClients - 2 * kPage}));
+  EXPECT_TRUE(std::is_sorted(ids.begin(), ids.end()));
+  EXPECT_EQ(std::set(ids.begin(), ids.end()).size(), kClients) << "each once";
+  const auto beyond = facts("/api/clients?after=" + std::to_string(ids.back()));
+  EXPECT_TRUE(beyond["clients"].empty());
+  EXPECT_EQ(beyond["total"], kClients);
+  for (const char* wrong : {"x", "-1", "1x", "99999999999999999999"}) {
+    EXPECT_EQ(admin("/api/clients?after=" + std::string(wrong)), "400") << wrong;
+  }
 }
 
 TEST_F(LoopsTest, LimitsCountAcrossLoops) {
