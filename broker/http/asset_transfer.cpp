@@ -20,9 +20,12 @@ constexpr int kRetryAfterS = 60;
 constexpr double kChunksPerUs = 10;  ///< Parsed.
 constexpr TimeUs kMaxChunksWaitUs = 2'000'000;
 
-Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) {
+/// Opens the asset for this piece only: peers that do not read hold no descriptors. Errors: as AssetStore::read().
+Result<std::size_t> read_at(const AssetStore& assets, const Sha256& id, std::uint64_t at, std::vector<char>& out) {
+  const auto object = assets.read(id);
+  if (!object) return object.error();
   for (;;) {
-    const ssize_t count = ::pread(file, out.data(), out.size(), static_cast<off_t>(at));
+    const ssize_t count = ::pread(object->file.get(), out.data(), out.size(), static_cast<off_t>(at));
     if (count < 0 && errno == EINTR) continue;
     if (count > 0) return static_cast<std::size_t>(count);
     return fail(ErrorCode::kIo, "reading an asset failed: " +
@@ -33,18 +36,18 @@ Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) 
 /// The answer to one GET or HEAD. Counts in downloads_now while it lives.
 class Download : public std::enable_shared_from_this<Download> {
  public:
-  Download(HttpConnection& connection, Grant& grant)
-      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant) {
+  Download(HttpConnection& connection, Grant& grant, const Sha256& id)
+      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant), id_(id) {
     ++context_.counters.downloads_now;
   }
   ~Download() { --context_.counters.downloads_now; }
 
-  void start(const Sha256& id) {
+  void start() {
     connection_->arm(context_.config.timeouts.transfer_ms);  // Replaces the head's timeout.
     connection_->on(
-        context_.disk, [&assets = context_.assets, id] { return assets.read(id); },
-        [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
-          if (object) return self->answer(id, std::move(*object));
+        context_.disk, [this] { return context_.assets.read(id_); },
+        [self = shared_from_this()](const Result<AssetStore::Object>& object) {
+          if (object) return self->answer(object->size, object->is_segment);
           const bool missing = object.error().code == ErrorCode::kNotFound;
           if (!missing) {
             log(self->context_.log, LogLevel::kError, "download refused: " + object.error().message);
@@ -55,20 +58,20 @@ class Download : public std::enable_shared_from_this<Download> {
   }
 
  private:
-  void answer(const Sha256& id, AssetStore::Object object) {
-    const std::string etag = "\"" + id.hex() + "\"";
+  void answer(std::uint64_t bytes, bool is_segment) {
+    const std::string etag = "\"" + id_.hex() + "\"";
     // Shared caches must not serve restricted assets.
     const std::string scope = context_.gate.policy()->serves_everybody() ? "public" : "private";
     HttpHeaders headers = {{"ETag", etag},
-                           {"Cache-Control", object.is_segment ? "no-store" : scope + ", max-age=31536000, immutable"},
+                           {"Cache-Control", is_segment ? "no-store" : scope + ", max-age=31536000, immutable"},
                            {"Accept-Ranges", "bytes"}};
     if (etag_matches(connection_->header("If-None-Match"), etag)) {
       return connection_->answer(HttpStatus::kNotModified, {}, std::move(headers));
     }
     const std::string if_range = connection_->header("If-Range");
     const bool ranged = if_range.empty() || if_range == etag;
-    const auto wanted = ranged ? range_from_header(connection_->header("Range"), object.size) : RangeRequest{};
-    const std::string size = std::to_string(object.size);
+    const auto wanted = ranged ? range_from_header(connection_->header("Range"), bytes) : RangeRequest{};
+    const std::string size = std::to_string(bytes);
     if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
       return connection_->answer_error(HttpStatus::kRangeNotSatisfiable,
                                        fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"),
@@ -76,7 +79,7 @@ class Download : public std::enable_shared_from_this<Download> {
     }
     const bool whole = wanted.kind == RangeRequest::Kind::kWhole;
     at_ = whole ? 0 : wanted.first;
-    end_ = whole ? object.size : wanted.last + 1;
+    end_ = whole ? bytes : wanted.last + 1;
     const std::uint64_t to_send = connection_->method() == "HEAD" ? 0 : end_ - at_;
     const auto taken = grant_.take_download(to_send, steady_now_us());
     if (!taken) return connection_->answer_limit(taken.error().message, kRetryAfterS);
@@ -85,7 +88,6 @@ class Download : public std::enable_shared_from_this<Download> {
                            "bytes " + std::to_string(at_) + "-" + std::to_string(end_ - 1) + "/" + size);
     }
     ++context_.counters.downloads;
-    object_ = std::move(object);
     headers.emplace_back("Content-Type", "application/octet-stream");
     connection_->answer_from(
         whole ? HttpStatus::kOk : HttpStatus::kPartialContent, end_ - at_,
@@ -97,7 +99,7 @@ class Download : public std::enable_shared_from_this<Download> {
     if (grant_.has_expired(std::time(nullptr)) || grant_.is_void()) return connection_->close();
     chunk_.resize(std::min<std::uint64_t>(kChunkBytes, end_ - at_));
     connection_->on(
-        context_.disk, [this] { return read_at(object_->file.get(), at_, chunk_); },
+        context_.disk, [this] { return read_at(context_.assets, id_, at_, chunk_); },
         [self = shared_from_this(), then = std::move(then)](const Result<std::size_t>& count) {
           if (!count) {  // The head is sent: only closing the connection signals the error.
             log(self->context_.log, LogLevel::kError, count.error().message);
@@ -112,7 +114,7 @@ class Download : public std::enable_shared_from_this<Download> {
   std::shared_ptr<HttpConnection> connection_;
   Context& context_;
   Grant& grant_;
-  std::optional<AssetStore::Object> object_;
+  const Sha256 id_;
   std::uint64_t at_ = 0;
   std::uint64_t end_ = 0;
   std::vector<char> chunk_;
@@ -269,7 +271,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
 }  // namespace
 
 void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
-  std::make_shared<Download>(connection, grant)->start(id);
+  std::make_shared<Download>(connection, grant, id)->start();
 }
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {

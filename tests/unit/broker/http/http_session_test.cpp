@@ -7,6 +7,8 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -50,6 +52,36 @@ TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
   const std::string empty = put_asset("");
   EXPECT_EQ(request("GET", "/v1/assets/" + empty).body, "");
   EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"streams\":[]"));
+}
+
+TEST_F(HttpSessionTest, DownloadsThatAreNotReadHoldNoFile) {
+  constexpr int kDownloads = 8, kDiskThreads = 2;
+  stop();
+  config_.assets.max_object_bytes = 16 << 20;
+  start();
+  const std::string content(16 << 20, 'x');
+  const std::string id = put_asset(content);
+  std::vector<std::unique_ptr<Wire>> wires;
+  for (int i = 0; i < kDownloads; ++i) {
+    wires.push_back(std::make_unique<Wire>(port_));
+    wires.back()->write("GET /v1/assets/" + id + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  }
+  const auto shows = [&](const std::string& name) {
+    const std::string text = http_request(admin_port_, "GET", "/metrics").body;
+    return text.find("\n" + name + " " + std::to_string(kDownloads) + "\n") != std::string::npos;
+  };
+  while (!shows("eigencast_broker_downloads_total")) std::this_thread::yield();
+  int files = 0;
+  for (const auto& descriptor : std::filesystem::directory_iterator("/proc/self/fd")) {
+    std::error_code closed;
+    files += std::filesystem::read_symlink(descriptor, closed).filename() == id;
+  }
+  EXPECT_LE(files, kDiskThreads);
+  EXPECT_TRUE(shows("eigencast_broker_downloads"));
+  std::filesystem::remove(folder_ + "/assets/" + id.substr(0, 2) + "/" + id);
+  for (const auto& wire : wires) {
+    EXPECT_LT(wire->read_all().value_or("").size(), content.size()) << "cut off, not of other bytes";
+  }
 }
 
 TEST_F(HttpSessionTest, HeadsOfManyFieldsAreRefused) {
