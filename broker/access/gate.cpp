@@ -31,7 +31,7 @@ Result<void> check_right(const Identity& identity, const std::string& right, con
                   "that right (eigencast-broker token create --" + right + " '" + std::string(stream) + "')");
 }
 
-constexpr TimeUs kSweepEveryUs = 1'000'000;
+constexpr int kLookedAt = 8;            ///< Of a full ledger's accounts.
 constexpr double kTokenCheckUs = 200;   ///< A signature.
 constexpr double kFailuresOfSite = 10;  ///< Times those of one of its networks.
 constexpr double kWorkAtOnceS = 0.02;   ///< By default 5 ms: others wait no longer for each holder.
@@ -90,21 +90,34 @@ bool Account::is_idle(TimeUs now_us) const {
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
   const std::lock_guard lock(mutex_);
-  const auto found = accounts_.find(key);
-  if (found != accounts_.end()) return found->second;
-  if (accounts_.size() >= max_ && now_us - swept_us_ >= kSweepEveryUs) {
-    // A sweep visits all accounts: at most once per period.
-    swept_us_ = now_us;
-    const auto sweep = [&](bool idle_only) {
-      std::erase_if(accounts_, [&](const auto& entry) {
-        return entry.second.use_count() == 1 && (!idle_only || entry.second->is_idle(now_us));
-      });
-    };
-    sweep(true);
-    if (accounts_.size() > max_ / 2) sweep(false);
+  if (const auto found = accounts_.find(key); found != accounts_.end()) {
+    by_use_.splice(by_use_.end(), by_use_, found->second.use);
+    return found->second.account;
   }
-  if (accounts_.size() >= max_) return overflow_;
-  return accounts_.emplace(key, std::make_shared<Account>()).first->second;
+  if (accounts_.size() >= max_ && !forget_one(now_us)) return overflow_;
+  const auto added = accounts_.try_emplace(key).first;
+  added->second.use = by_use_.insert(by_use_.end(), &added->first);
+  return added->second.account;
+}
+
+bool Ledger::forget_one(TimeUs now_us) {
+  auto forgotten = by_use_.end();
+  auto next = by_use_.begin();
+  for (int i = 0; i < kLookedAt && next != by_use_.end(); ++i) {
+    const auto use = next++;
+    const auto& account = accounts_.find(**use)->second.account;
+    if (account.use_count() > 1) {
+      by_use_.splice(by_use_.end(), by_use_, use);
+      continue;
+    }
+    const bool is_idle = account->is_idle(now_us);
+    if (is_idle || forgotten == by_use_.end()) forgotten = use;
+    if (is_idle) break;
+  }
+  if (forgotten == by_use_.end()) return false;
+  accounts_.erase(accounts_.find(**forgotten));
+  by_use_.erase(forgotten);
+  return true;
 }
 
 Grant::Grant(Gate& gate, Identity identity, const IpAddress& peer, std::shared_ptr<const AccessPolicy> policy,

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstdint>
 #include <limits>
+#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -71,9 +72,10 @@ struct Account {
   bool is_idle(TimeUs now_us) const;
 };
 
-/// Accounts by key. When it is full idle ones are removed; if those are few, all that nobody holds, rates and all:
-/// strangers with many addresses must not spend the rates of newcomers. If all are in use, further keys share one
-/// account, which is stricter for them. Thread-safe: the lock covers lookup, not use.
+/// Accounts by key. When it is full, of the few used longest ago one that nobody holds is forgotten for each new key,
+/// an idle one if there is one, else rates and all: strangers with many addresses must not spend the rates of
+/// newcomers. If all of these are held, the key shares an account with others such, which is stricter for them.
+/// Thread-safe: the lock covers lookup, not use.
 class Ledger {
  public:
   explicit Ledger(std::size_t max = 65'536) : max_(max) {}
@@ -81,11 +83,18 @@ class Ledger {
   std::shared_ptr<Account> account(const std::string& key, TimeUs now_us);
 
  private:
+  using Uses = std::list<const std::string*>;  ///< Keys.
+  struct Entry {
+    std::shared_ptr<Account> account = std::make_shared<Account>();
+    Uses::iterator use{};
+  };
+  bool forget_one(TimeUs now_us);  ///< REQUIRES: mutex_.
+
   std::size_t max_;
   std::mutex mutex_;
-  std::map<std::string, std::shared_ptr<Account>> accounts_;  ///< GUARDED_BY(mutex_)
+  std::map<std::string, Entry> accounts_;  ///< GUARDED_BY(mutex_)
+  Uses by_use_;                            ///< Longest ago first. GUARDED_BY(mutex_)
   std::shared_ptr<Account> overflow_ = std::make_shared<Account>();
-  TimeUs swept_us_ = 0;  ///< GUARDED_BY(mutex_)
 };
 
 class Gate;

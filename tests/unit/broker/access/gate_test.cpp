@@ -625,12 +625,26 @@ TEST(LedgerTest, IsBoundedAndStricterWhenFull) {
 
 TEST(LedgerTest, KeepsAccountsInUse) {
   Ledger ledger(2);
-  (void)ledger.account("idle", 0);
   EXPECT_TRUE(ledger.account("mark_dirty", 0)->failures.take(1, 0.01, 1, 0));
+  (void)ledger.account("idle", 0);
   const auto fresh = ledger.account("fresh", 10 * kSecond);
-  EXPECT_NE(fresh, ledger.account("more", 10 * kSecond)) << "the idle one made room";
+  EXPECT_EQ(fresh, ledger.account("fresh", 10 * kSecond)) << "the idle one made room";
   EXPECT_FALSE(ledger.account("mark_dirty", 10 * kSecond)->failures.take(1, 0.01, 1, 10 * kSecond))
       << "not a new account";
+}
+
+TEST(LedgerTest, ForgetsTheLeastRecentlyUsedOneForEachNewcomer) {
+  constexpr std::size_t kAccounts = 1000;
+  Ledger ledger(kAccounts);
+  const auto fails = [&](std::size_t i, TimeUs now_us) {
+    return ledger.account(std::to_string(i), now_us)->failures.take(1, 0.001, 1, now_us).has_value();
+  };
+  for (std::size_t i = 0; i < kAccounts; ++i) EXPECT_TRUE(fails(i, 0));
+  EXPECT_FALSE(fails(0, 1));
+  EXPECT_TRUE(fails(kAccounts, 2 * kSecond)) << "a newcomer";
+  for (std::size_t i = 2; i < kAccounts; ++i) EXPECT_FALSE(fails(i, 2 * kSecond)) << i;
+  EXPECT_FALSE(fails(0, 2 * kSecond));
+  EXPECT_TRUE(fails(1, 2 * kSecond)) << "the one used longest ago";
 }
 
 TEST(LedgerTest, ManyAddressesSpendNoRatesOfNewcomers) {
