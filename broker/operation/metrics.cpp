@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/operation/metrics.h"
 
-#include <dirent.h>
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>
 #include <sys/resource.h>
@@ -94,6 +93,8 @@ class BrokerMetrics {
         {{"version", context_.version}});
     gauge("draining", "1 while the broker stops.", context_.draining);
     gauge("connections", "Open connections of the data port.", statistics_.connections_total());
+    gauge("connections_max", "limits.max_connections, or fewer, where the process may have fewer descriptors.",
+          context_.gate.policy()->max_connections());
     auto& of_loops = family("eigencast_broker_loop_connections", MetricType::Gauge,
                             "Those of each event loop; the first, 0, has all that are not viewers.");
     for (std::size_t i = 0; i < statistics_.connections.size(); ++i) {
@@ -245,17 +246,6 @@ class BrokerMetrics {
     const auto page = static_cast<double>(::sysconf(_SC_PAGESIZE));
     add(family("process_resident_memory_bytes", MetricType::Gauge, "Memory in use."), resident * page);
     add(family("process_virtual_memory_bytes", MetricType::Gauge, "Address space in use."), pages * page);
-    double descriptors = 0;
-    if (DIR* folder = ::opendir("/proc/self/fd")) {
-      while (::readdir(folder) != nullptr) ++descriptors;
-      ::closedir(folder);
-      descriptors -= 3;  // ".", ".." and the folder itself.
-    }
-    add(family("process_open_fds", MetricType::Gauge, "File descriptors in use."), descriptors);
-    rlimit limit{};
-    getrlimit(RLIMIT_NOFILE, &limit);
-    add(family("process_max_fds", MetricType::Gauge, "File descriptors that may be in use."),
-        static_cast<double>(limit.rlim_cur));
     gauge("uptime_seconds", "Since the broker started.",
           static_cast<double>(steady_now_us() - context_.started_us) * 1e-6);
   }

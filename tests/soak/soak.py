@@ -92,6 +92,10 @@ def median(values):
     return sorted(values)[len(values) // 2]
 
 
+def open_files(process):
+    return len(os.listdir(f"/proc/{process}/fd"))
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("bin_dir")
@@ -125,7 +129,7 @@ def main():
         objects = [name for _, _, names in os.walk(folder + "/data") for name in names if re.fullmatch("[0-9a-f]{64}", name)]
         ask(admin, "/api/recordings/start?stream=soak/torus", b"")
         time.sleep(3)
-        idle_fds = metrics(admin)["process_open_fds"]
+        idle_fds = open_files(broker.pid)
         stop, counts = threading.Event(), {"came": 0, "stalled": 0, "downloaded": 0, "bytes": 0, "errors": 0, "last_error": ""}
         threads = [threading.Thread(target=viewer, args=(port, objects, stop, counts, seed)) for seed in range(options.viewers)]
         for thread in threads:
@@ -145,7 +149,7 @@ def main():
             thread.join()
         end_fds = None
         for _ in range(40):  # Stalled ones are noticed when the broker writes or pings.
-            end_fds = metrics(admin)["process_open_fds"]
+            end_fds = open_files(broker.pid)
             if end_fds <= idle_fds + 2:
                 break
             time.sleep(1)

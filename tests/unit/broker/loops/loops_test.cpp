@@ -208,6 +208,7 @@ TEST_F(LoopsTest, LimitsCountAcrossLoops) {
   fifth.send(control::Subscribe{"a", Profile{}});
   EXPECT_EQ(fifth.wait_for<control::StreamInfo>().epoch, announced_.epoch) << "there is room again";
   EXPECT_EQ(facts("/api/broker")["connections"], 6);
+  EXPECT_EQ(metric("eigencast_broker_connections_max"), 8);
   std::vector<std::unique_ptr<Client>> more;
   for (int i = 0; i < 2; ++i) more.push_back(std::make_unique<Client>(port_, "/v1/subscribe"));
   EXPECT_EQ(request("GET", "/v1/streams").status, 503);
