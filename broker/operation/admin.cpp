@@ -5,9 +5,11 @@
 #include <charconv>
 #include <ctime>
 #include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -30,7 +32,7 @@ using nlohmann::json;
 
 constexpr std::int64_t kTimeoutMs = 5'000;
 constexpr std::int64_t kMaxConnections = 64;
-constexpr std::size_t kMaxListedClients = 50;
+constexpr std::size_t kMaxListedClients = 50, kMaxListedStreams = 100;
 constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;  ///< Ignored: parameters are in the query.
 
 double seconds(TimeUs us) {
@@ -73,26 +75,57 @@ void append_json(const ClientInfo& client, std::string& out) {
   out += "]}";
 }
 
-std::string streams_report(const Context& context, const Statistics& statistics) {
-  json list = json::array();
-  for (const Stream* stream : context.hub.streams()) {
-    const Statistics::Made made = statistics.made_of(stream->name());
-    list.push_back({{"stream", stream->name()},
-                    {"stream_id", stream->id()},
-                    {"state", name_of(stream->state())},
-                    {"epoch", stream->epoch()},
-                    {"asset", stream->asset()},
-                    {"codec", stream->announcement().format.codec},
-                    {"rows", stream->announcement().format.rows},
-                    {"key_rate_hz", stream->key_rate_hz()},
-                    {"keys_received", stream->keys_received()},
-                    {"frames_made", made.frames},
-                    {"poses_failed", made.poses_failed},
-                    {"profiles", made.profiles},
-                    {"viewers", stream->watchers()}});
+/// The first streams after a name, and what each loop makes of them.
+struct StreamPage {
+  struct Made {
+    std::uint64_t frames = 0, poses_failed = 0, profiles = 0;
+  };
+
+  std::string after{};
+  std::map<std::string, Made, std::less<>> made{};
+
+  /// REQUIRES: the first loop is added first, which has all streams.
+  void add(Context& loop) {
+    if (std::exchange(is_first_, false)) {
+      for (const Stream* stream : loop.hub.streams(after, kMaxListedStreams)) made.try_emplace(stream->name());
+    }
+    for (auto& [name, sum] : made) {
+      const Stream* stream = loop.hub.find(name);
+      if (stream == nullptr) continue;
+      sum.frames += stream->frames_made();
+      sum.poses_failed += stream->poses_failed();
+      sum.profiles += stream->profile_count();
+    }
   }
-  return json_text({{"streams", list}});
-}
+
+  std::string report(Context& first) const {
+    json list = json::array();
+    for (const auto& [name, sum] : made) {
+      const Stream* stream = first.hub.find(name);
+      if (stream == nullptr) continue;  // It has gone meanwhile.
+      list.push_back({{"stream", name},
+                      {"stream_id", stream->id()},
+                      {"state", name_of(stream->state())},
+                      {"epoch", stream->epoch()},
+                      {"asset", stream->asset()},
+                      {"codec", stream->announcement().format.codec},
+                      {"rows", stream->announcement().format.rows},
+                      {"key_rate_hz", stream->key_rate_hz()},
+                      {"keys_received", stream->keys_received()},
+                      {"frames_made", sum.frames},
+                      {"poses_failed", sum.poses_failed},
+                      {"profiles", sum.profiles},
+                      {"viewers", stream->watchers()}});
+    }
+    json page = {{"streams", list}, {"total", first.hub.size()}};
+    if (made.size() == kMaxListedStreams && !first.hub.streams(made.rbegin()->first, 1).empty())
+      page["next"] = made.rbegin()->first;
+    return json_text(page);
+  }
+
+ private:
+  bool is_first_ = true;
+};
 
 /// The first clients with ids after `after`: each loop adds its own.
 struct ClientPage {
@@ -211,6 +244,12 @@ class AdminSession final : public HttpConnection {
         [statistics](Context& loop) { statistics->add(loop); },
         [this, statistics, report, headers] { answer(HttpStatus::kOk, report(context(), *statistics), headers); });
   }
+  void answer_streams() {
+    const auto page = std::make_shared<StreamPage>();
+    page->after = parameter("after");
+    ask_loops([page](Context& loop) { page->add(loop); },
+              [this, page] { answer(HttpStatus::kOk, page->report(context())); });
+  }
   void answer_clients() {
     const auto page = std::make_shared<ClientPage>();
     const std::string after = parameter("after");
@@ -269,7 +308,7 @@ class AdminSession final : public HttpConnection {
     }
     if (path_ == "/") return answer_page();
     if (path_ == "/api/broker") return answer_statistics(broker_report);
-    if (path_ == "/api/streams") return answer_statistics(streams_report);
+    if (path_ == "/api/streams") return answer_streams();
     if (path_ == "/api/clients") return answer_clients();
     if (path_ == "/api/recordings") return answer(HttpStatus::kOk, recordings_report(context()));
     answer_error(HttpStatus::kNotFound,

@@ -116,11 +116,9 @@ class BrokerMetrics {
   void streams() {
     std::uint64_t states[3] = {0, 0, 0};
     std::uint64_t watchers = 0;
-    std::uint64_t failed = 0;
     for (const Stream* stream : context_.hub.streams()) {
       ++states[static_cast<std::size_t>(stream->state())];
       watchers += stream->watchers();
-      failed += statistics_.made_of(stream->name()).poses_failed;
     }
     auto& known = family("eigencast_broker_streams", MetricType::Gauge, "Streams known, by state.");
     for (std::size_t i = 0; i < 3; ++i) {
@@ -129,7 +127,7 @@ class BrokerMetrics {
     }
     gauge("subscriptions", "Streams watched, summed over connections.", watchers);
     gauge("poses_failed", "Poses left out, summed over the streams known: beyond the codec's range or work_us_per_s.",
-          failed);
+          statistics_.poses_failed);
     counter("senders_replaced_total", "Senders that another one took the place of.",
             statistics_.counters.senders_replaced);
   }
@@ -264,17 +262,7 @@ void Statistics::add(const Context& loop) {
   counters.latency += loop.counters.latency;
   counters.hold += loop.counters.hold;
   connections.push_back(loop.connection_count);
-  for (const Stream* stream : loop.hub.streams()) {
-    Made& sum = made[stream->name()];
-    sum.frames += stream->frames_made();
-    sum.poses_failed += stream->poses_failed();
-    sum.profiles += stream->profile_count();
-  }
-}
-
-Statistics::Made Statistics::made_of(const std::string& stream) const {
-  const auto found = made.find(stream);
-  return found == made.end() ? Made{} : found->second;
+  for (const Stream* stream : loop.hub.streams()) poses_failed += stream->poses_failed();
 }
 
 std::uint64_t Statistics::connections_total() const {

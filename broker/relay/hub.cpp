@@ -244,10 +244,11 @@ std::optional<TimeUs> Hub::next_due_us() const {
   return wakeups_.begin()->first;
 }
 
-std::vector<const Stream*> Hub::streams(std::string_view after) const {
-  std::vector<const Stream*> all;
-  for (auto at = streams_.upper_bound(after); at != streams_.end(); ++at) all.push_back(at->second.get());
-  return all;
+std::vector<const Stream*> Hub::streams(std::string_view after, std::size_t most) const {
+  std::vector<const Stream*> found;
+  for (auto at = streams_.upper_bound(after); at != streams_.end() && found.size() < most; ++at)
+    found.push_back(at->second.get());
+  return found;
 }
 
 /// Removes a stream without publisher and watchers, one of the holder only if `own`; false: there is none.

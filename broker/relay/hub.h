@@ -67,8 +67,8 @@ class Hub {
   bool deliver(double slice_us = std::numeric_limits<double>::infinity());
   std::optional<TimeUs> next_due_us() const;
 
-  /// Sorted by name, those after a name only; valid until the next open() or unwatched().
-  std::vector<const Stream*> streams(std::string_view after = {}) const;
+  /// Sorted by name, at most so many of those after a name; valid until the next open() or unwatched().
+  std::vector<const Stream*> streams(std::string_view after = {}, std::size_t most = SIZE_MAX) const;
   std::size_t size() const { return streams_.size(); }
   std::int64_t memory_bytes() const { return settings_.stream.memory->poses.used(); }  ///< Of all loops' streams.
 

@@ -578,7 +578,8 @@ class Session {
 
   static void administer(int how) {
     Context& context = service().context();
-    const std::vector<Connection*> open(context.connections.begin(), context.connections.end());
+    std::vector<Connection*> open;
+    for (const auto& [id, connection] : context.connections) open.push_back(connection);
     if (how == 0 && !open.empty()) open.front()->send_bye("kicked", 0, websocket::CloseCode::kPolicy);
     if (how == 1) service().reload(false);
     if (how == 2) service().reload(true);

@@ -188,6 +188,29 @@ TEST_F(LoopsTest, OperatorSeesClientsAPageAtATime) {
   }
 }
 
+TEST_F(LoopsTest, OperatorSeesStreamsAPageAtATime) {
+  constexpr std::size_t kStreams = 250, kPage = 100;
+  Client viewer(port_, "/v1/subscribe");
+  for (std::size_t i = 0; i < kStreams; ++i) viewer.send(control::Subscribe{"of/s" + std::to_string(i), Profile{}});
+  for (std::size_t i = 0; i < kStreams; ++i) (void)viewer.wait_for<control::StreamInfo>();
+  std::vector<std::size_t> sizes;
+  std::vector<std::string> names;
+  std::string after;
+  do {
+    const auto page = facts("/api/streams" + after);
+    EXPECT_EQ(page["total"], kStreams);
+    sizes.push_back(page["streams"].size());
+    for (const auto& stream : page["streams"]) {
+      names.push_back(stream["stream"]);
+      EXPECT_EQ(stream["viewers"], 1);
+    }
+    after = page.contains("next") ? "?after=" + page["next"].get<std::string>() : "";
+  } while (!after.empty());
+  EXPECT_EQ(sizes, (std::vector<std::size_t>{kPage, kPage, kStreams - 2 * kPage}));
+  EXPECT_TRUE(std::is_sorted(names.begin(), names.end()));
+  EXPECT_EQ(std::set(names.begin(), names.end()).size(), kStreams) << "each once";
+}
+
 TEST_F(LoopsTest, LimitsCountAcrossLoops) {
   stop();
   config_.limits.max_subscribers_per_stream = 4;
