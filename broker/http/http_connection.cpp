@@ -206,7 +206,7 @@ void HttpConnection::arm(std::int64_t timeout_ms) {
   timer_.async_wait([self = weak_from_this(), timeout_ms, left](ErrorOf error) {
     const auto connection = self.lock();
     if (error || !connection) return;
-    const bool takes = left > 0 && connection->transport_.unacknowledged() <= left - left / 4;
+    const bool takes = left > 0 && connection->transport_.unacknowledged() <= left - (left + 3) / 4;
     takes && !connection->is_writing_ ? connection->arm(timeout_ms) : connection->close();
   });
 }

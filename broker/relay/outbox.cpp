@@ -189,14 +189,24 @@ void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
   Lane* lane = find(item.stream_id);
   if (lane == nullptr) return;
   if (!acknowledges_) return begin_window(*lane, item, now_us);
-  const auto match = std::find_if(lane->in_flight.rbegin(), lane->in_flight.rend(), [&](const InFlight& sent) {
+  auto& in_flight = lane->in_flight;
+  const auto before_us = round_trip_us();
+  const auto match = std::find_if(in_flight.rbegin(), in_flight.rend(), [&](const InFlight& sent) {
     return sent.sequence == item.sequence && sent.step.byte() == item.step;
   });
-  if (match == lane->in_flight.rend()) return;
-  const auto before_us = round_trip_us();
-  note_round_trip(now_us - match->sent_us, now_us);
-  lane->in_flight.erase(lane->in_flight.begin(), match.base());
-  if (lane->in_flight.size() * 8 < lane->in_flight.capacity()) lane->in_flight.shrink_to_fit();
+  if (match != in_flight.rend()) {
+    note_round_trip(now_us - match->sent_us, now_us);
+    in_flight.erase(in_flight.begin(), match.base());
+  } else {  // It may not be among those that are remembered; what left before it has come as well.
+    using Place = std::pair<std::uint64_t, int>;
+    const auto place_of = [](const InFlight& sent) { return Place(sent.sequence, sent.step.at); };
+    const Place place(item.sequence, item.step >> 4);
+    const auto later = std::find_if(in_flight.begin(), in_flight.end(),
+                                    [&](const InFlight& sent) { return place_of(sent) > place; });
+    if (later == in_flight.begin() || place > place_of(lane->last)) return;
+    in_flight.erase(in_flight.begin(), later);
+  }
+  if (in_flight.size() * 8 < in_flight.capacity()) in_flight.shrink_to_fit();
   round_trip_us() == before_us ? open_window(*lane) : open_windows();
 }
 

@@ -16,5 +16,7 @@ struct PeerWindow {
 
 /// Nothing where the kernel does not report it (Linux before 5.16) or `socket` is not a TCP socket.
 std::optional<PeerWindow> peer_window(int socket);
+/// Whether the connection is over for the kernel, whatever it says of bytes that are unacknowledged.
+bool is_reset(int socket);
 
 }  // namespace eigencast::broker

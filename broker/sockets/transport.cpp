@@ -15,6 +15,7 @@
 #include <cerrno>
 #include <cstring>
 
+#include "broker/sockets/peer_window.h"
 #include "common/core/bytes.h"
 
 namespace eigencast::broker {
@@ -207,10 +208,9 @@ void Transport::reset() {
 }
 
 std::size_t Transport::unacknowledged() {
+  if (!socket_.is_open() || is_reset(socket_.native_handle())) return 0;
   int bytes = 0;
-  return socket_.is_open() && ::ioctl(socket_.native_handle(), SIOCOUTQ, &bytes) == 0 && bytes > 0
-             ? static_cast<std::size_t>(bytes)
-             : 0;
+  return ::ioctl(socket_.native_handle(), SIOCOUTQ, &bytes) == 0 && bytes > 0 ? static_cast<std::size_t>(bytes) : 0;
 }
 
 void Transport::limit_unsent(int bytes) {

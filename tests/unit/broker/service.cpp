@@ -141,11 +141,17 @@ struct Wire::Socket {
   asio::ip::tcp::socket stream;
 };
 
-Wire::Wire(std::uint16_t port) : socket_(std::make_unique<Socket>(port)) {}
+Wire::Wire(std::uint16_t port, int receive_buffer) : socket_(std::make_unique<Socket>(port)) {
+  if (receive_buffer > 0) socket_->stream.set_option(asio::ip::tcp::socket::receive_buffer_size(receive_buffer));
+}
 Wire::~Wire() = default;
 
 void Wire::write(const std::string& text) {
   asio::write(socket_->stream, asio::buffer(text));
+}
+
+void Wire::end_writing() {
+  socket_->stream.shutdown(asio::ip::tcp::socket::shutdown_send);
 }
 
 std::optional<std::string> Wire::read_all() {

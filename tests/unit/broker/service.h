@@ -73,12 +73,13 @@ class Client {
 /// Bytes to the broker and back.
 class Wire {
  public:
-  explicit Wire(std::uint16_t port);
+  explicit Wire(std::uint16_t port, int receive_buffer = 0);
   ~Wire();
   Wire(const Wire&) = delete;
   Wire& operator=(const Wire&) = delete;
 
   void write(const std::string& text);
+  void end_writing();
   /// Everything until the broker closes; nothing on a reset.
   std::optional<std::string> read_all();
 

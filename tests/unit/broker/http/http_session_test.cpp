@@ -283,6 +283,28 @@ TEST_F(HttpSessionTest, DownloadsThatAreNotReadAreChargedAndEndWithAReset) {
   EXPECT_EQ(unread.front()->read_all(), std::nullopt) << "the kernel keeps nothing for it";
 }
 
+// The kernel says for ever that they are unacknowledged.
+TEST_F(HttpSessionTest, WhoResetsWithoutTakingAnAnswerHoldsNothing) {
+  stop();
+  config_.timeouts.transfer_ms = 3'600'000;
+  start();
+  const std::string target = "/v1/assets/" + put_asset(std::string(100'000, 'x'));
+  const std::string ask = "GET " + target + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
+  const auto until_none = [&](const std::string& gauge) {
+    const std::string none = "\neigencast_broker_" + gauge + " 0\n";
+    while (http_request(admin_port_, "GET", "/metrics").body.find(none) == std::string::npos)
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  };
+  for (int i = 0; i < 8; ++i) {
+    auto wire = std::make_unique<Wire>(port_, 4096);
+    wire->write(ask);
+    wire->end_writing();
+    until_none("downloads");
+    wire.reset();
+  }
+  until_none("connections");
+}
+
 /// Of many networks of a site, as each may fail some times a minute.
 TEST_F(HttpSessionTest, ChecksOfTokensTakeHalfOfTheLoopsTime) {
   stop();
