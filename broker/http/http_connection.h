@@ -75,6 +75,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   bool is_head_read() const;
   bool has_body() const;
   bool is_body_read() const;
+  /// Whether the peer has not taken the answers before yet.
+  bool has_unread_answer() { return output_ && transport_.unacknowledged() > 0; }
   std::size_t head_bytes() const;
   std::uint64_t body_chunks() const;  ///< That began so far.
   /// Whether the length of its body is unknown: it names a transfer coding other than chunked.

@@ -243,6 +243,8 @@ class HttpSession final : public HttpConnection {
     const bool echoes = target.kind == Target::Kind::kEcho;
     // Rights first, so that a request without an upgrade reports missing ones (docs/protocol.md, section 9).
     if ((!echoes && !may_begin(target)) || !is_upgrade(echoes)) return;
+    // What it holds would be charged to nobody. Who has read it has acknowledged it with the request.
+    if (has_unread_answer()) return answer_limit("read the answers to the requests before this one first");
 #ifdef EIGENCAST_TEST_ENDPOINTS
     if (echoes) {
       disarm();

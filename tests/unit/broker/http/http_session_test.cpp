@@ -305,6 +305,20 @@ TEST_F(HttpSessionTest, WhoResetsWithoutTakingAnAnswerHoldsNothing) {
   until_none("connections");
 }
 
+TEST_F(HttpSessionTest, AConnectionIsNoWebSocketBeforeItsAnswersAreRead) {
+  const std::string asset = "/v1/assets/" + put_asset(std::string(100'000, 'x'));
+  Wire wire(port_, 4096);
+  wire.write("GET " + asset + " HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  wire.write(
+      "GET /v1/subscribe HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade, close\r\nUpgrade: websocket\r\n"
+      "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+      "Sec-WebSocket-Protocol: " +
+      std::string(control::kSubprotocol) + "\r\n\r\n");
+  const std::string all = wire.read_all().value_or("reset");
+  EXPECT_THAT(all, HasSubstr("HTTP/1.1 429"));
+  EXPECT_THAT(all, Not(HasSubstr("HTTP/1.1 101")));
+}
+
 /// Of many networks of a site, as each may fail some times a minute.
 TEST_F(HttpSessionTest, ChecksOfTokensTakeHalfOfTheLoopsTime) {
   stop();
