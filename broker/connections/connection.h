@@ -188,7 +188,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   GrantPtr grant_;
   websocket::MessageReader reader_;
   Bytes unread_;                      ///< Read, and not parsed before the pause.
-  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_, those of reader_, unread_ and unread_answers().
+  std::shared_ptr<void> unfinished_;  ///< Counts unfinished_bytes_: of reader_, unread_, the kernel, unread_answers().
   std::size_t unfinished_bytes_ = 0;
   std::size_t queued_bytes_ = 0;   ///< Size of write_queue_, the written part of its first item included.
   std::size_t partial_bytes_ = 0;  ///< Written bytes of the first item.

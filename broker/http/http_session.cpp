@@ -300,6 +300,7 @@ class HttpSession final : public HttpConnection {
   void publish(const std::string& stream) {
     const auto taken = grant_->take(Resource::kPublisher);
     if (!taken) return answer_limit(taken.error().message);
+    transport().widen_receive_buffer();
     disarm();
     std::string answer = upgrade_answer();
     std::make_shared<Publisher>(context(), std::move(transport()), std::move(grant_), stream)->start(std::move(answer));

@@ -18,6 +18,7 @@ Result<void> Listener::open(const Address& address) {
   const Tcp::endpoint endpoint(asio::ip::make_address(address.host, error), address.port);
   if (!error) acceptor_.open(endpoint.protocol(), error);
   if (!error) acceptor_.set_option(asio::socket_base::reuse_address(true), error);
+  if (!error) acceptor_.set_option(asio::socket_base::receive_buffer_size(kReceiveBytes), error);
   if (!error) acceptor_.bind(endpoint, error);
   if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
   if (error) {
@@ -36,6 +37,7 @@ Result<void> Listener::adopt(int listening) {
   ErrorOf error;
   const bool known = ::getsockname(listening, reinterpret_cast<sockaddr*>(&address), &length) == 0;
   if (known) acceptor_.assign(address.ss_family == AF_INET6 ? Tcp::v6() : Tcp::v4(), listening, error);
+  if (known && !error) acceptor_.set_option(asio::socket_base::receive_buffer_size(kReceiveBytes), error);
   if (!known || error) {
     return fail(ErrorCode::kUnreachable, "the socket that was handed over cannot be used: " + error.message());
   }

@@ -44,6 +44,21 @@ void count_records(int is_sent, int, int type, const void*, std::size_t, SSL* tl
   if (counts % kRecord > kMaxHandshakeMessages) SSL_set_shutdown(tls, SSL_RECEIVED_SHUTDOWN);
 }
 
+constexpr int kSendLock = 1, kReceiveLock = 2;  // Of linux/socket.h.
+
+/// The size of a buffer is the kernel's choice again. False: before Linux 5.14 what was set once stays.
+bool unlock_buffer(Socket& socket, int which) {
+#ifdef SO_BUF_LOCK
+  int locks = 0;
+  socklen_t size = sizeof locks;
+  if (::getsockopt(socket.native_handle(), SOL_SOCKET, SO_BUF_LOCK, &locks, &size) != 0) return false;
+  locks &= ~which;
+  return ::setsockopt(socket.native_handle(), SOL_SOCKET, SO_BUF_LOCK, &locks, sizeof locks) == 0;
+#else
+  return false;
+#endif
+}
+
 /// The first bytes of all pieces in one span; copies only if there are several pieces.
 ByteView gathered(std::span<const iovec> pieces, std::array<std::uint8_t, kRecordBytes>& scratch) {
   if (pieces.size() == 1) {
@@ -213,6 +228,18 @@ std::size_t Transport::unacknowledged() {
   return ::ioctl(socket_.native_handle(), SIOCOUTQ, &bytes) == 0 && bytes > 0 ? static_cast<std::size_t>(bytes) : 0;
 }
 
+std::size_t Transport::unread() {
+  ErrorOf gone;
+  const std::size_t bytes = socket_.available(gone);
+  return gone ? 0 : bytes;
+}
+
+void Transport::widen_receive_buffer() {
+  ErrorOf ignored;
+  if (unlock_buffer(socket_, kReceiveLock)) return;
+  socket_.set_option(Socket::receive_buffer_size(1024 * 1024), ignored);
+}
+
 void Transport::limit_unsent(int bytes) {
   ErrorOf ignored;
   socket_.set_option(asio::detail::socket_option::integer<IPPROTO_TCP, TCP_NOTSENT_LOWAT>(bytes), ignored);
@@ -221,9 +248,7 @@ void Transport::limit_unsent(int bytes) {
 void Transport::limit_send_buffer(int bytes) {
   ErrorOf ignored;
   if (bytes > 0) return void(socket_.set_option(Socket::send_buffer_size(bytes), ignored));
-#ifdef SO_BUF_LOCK  // Linux 5.14: what was set once does not stay for ever.
-  socket_.set_option(asio::detail::socket_option::integer<SOL_SOCKET, SO_BUF_LOCK>(0), ignored);
-#endif
+  (void)unlock_buffer(socket_, kSendLock);
 }
 
 }  // namespace eigencast::broker

@@ -78,6 +78,8 @@ class Transport {
   std::size_t unacknowledged();       ///< Bytes that the peer has not acknowledged.
   void limit_unsent(int bytes);       ///< Beyond what is on its way (TCP_NOTSENT_LOWAT). 0: as the system says.
   void limit_send_buffer(int bytes);  ///< In all (SO_SNDBUF): twice that, and a segment. 0: the kernel's choice.
+  std::size_t unread();               ///< Bytes that have come and wait to be read.
+  void widen_receive_buffer();        ///< Beyond what Listener::kReceiveBytes leaves it: for who may send much.
 
   template <typename Handler>
   void async_wait(Wait wait, Handler&& handler) {
