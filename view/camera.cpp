@@ -9,6 +9,7 @@
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
 #include <limits>
+#include <utility>
 
 namespace eigencast {
 namespace {
@@ -17,7 +18,8 @@ constexpr float kPi = 3.14159265F;
 constexpr float kSteepest = 0.5F * kPi - 1e-3F;  // the view would turn over at the poles
 constexpr float kRadiansPerPixel = 0.0065F;
 constexpr float kZoomPerStep = 1.15F;
-constexpr float kFramedPart = 0.7F;  // of the window; the rest is for motion
+constexpr float kFramedPart = 2.0F / 3;  // of the window
+constexpr int kCentringSteps = 5;
 
 struct NamedView {
   std::string_view name;
@@ -66,15 +68,28 @@ void Camera::home() {
   azimuth_ = home_azimuth_;
   elevation_ = home_elevation_;
   moved_ = false;
-  // The points, not a ball around them, decide the distance, so that a long thin surface fills its part of the window.
+  // The points, not a ball around them, decide the distance: each pair of sides of a pyramid touches them.
   const auto [right, above, back] = axes();
-  const float tan_y = std::tan(0.5F * kFieldOfView);
-  const float tan_x = tan_y * static_cast<float>(width_) / static_cast<float>(height_);
+  const auto reach = [&, back = back](const glm::vec3& axis, float slope) {
+    float farthest = 0;
+    const glm::vec3 side = axis + slope * back;
+    for (const glm::vec3& point : framed_) farthest = std::max(farthest, glm::dot(point - target_, side));
+    return farthest;
+  };
+  const float slope_y = kFramedPart * std::tan(0.5F * kFieldOfView);
+  const float slope_x = slope_y * static_cast<float>(width_) / static_cast<float>(height_);
+  const std::array<std::pair<glm::vec3, float>, 2> sides{{{right, slope_x}, {above, slope_y}}};
   distance_ = 1e-3F * radius_;
-  for (const glm::vec3& point : framed_) {
-    const glm::vec3 d = point - target_;
-    const float reach = std::max(std::abs(glm::dot(d, right)) / tan_x, std::abs(glm::dot(d, above)) / tan_y);
-    distance_ = std::max(distance_, reach / kFramedPart + glm::dot(d, back));
+  for (const auto& [axis, slope] : sides)
+    distance_ = std::max(distance_, 0.5F * (reach(axis, slope) + reach(-axis, slope)) / slope);
+  // The direction that needs less gets narrower sides until they touch, too: so the points are in the middle.
+  for (auto [axis, slope] : sides) {
+    float one = 0, other = 0;
+    for (int step = 0; step < kCentringSteps; ++step, slope = 0.5F * (one + other) / distance_) {
+      one = reach(axis, slope);
+      other = reach(-axis, slope);
+    }
+    target_ += 0.5F * (one - other) * axis;
   }
 }
 

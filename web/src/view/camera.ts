@@ -11,9 +11,9 @@ const TAN_Y = Math.tan(FIELD_OF_VIEW / 2);
 const STEEPEST = Math.PI / 2 - 1e-3;
 const RADIANS_PER_PIXEL = 0.0065, ZOOM_PER_STEP = 1.15;
 const UPS: Record<Up, Vec3> = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
-/** Of the window; the rest is for motion. */
-const FRAMED_PART = 0.7;
-const HOME = { azimuth: 0.6, elevation: 0.3 };
+/** Of the window. */
+const FRAMED_PART = 2 / 3, CENTRING_STEPS = 5;
+const HOME = [0.6, 0.3] as const;
 
 const clamped = (value: number, least: number, most: number): number => Math.min(Math.max(value, least), most);
 
@@ -26,8 +26,8 @@ export class Camera {
   #up: Up = 'y';
   #radius = Math.sqrt(3);
   #distance = 5;
-  #azimuth = HOME.azimuth;
-  #elevation = HOME.elevation;
+  #azimuth = 0;
+  #elevation = 0;
   #width = 1280;
   #height = 720;
   #moved = false;
@@ -59,15 +59,20 @@ export class Camera {
 
   home(): void {
     this.#target = this.centre;
-    this.#azimuth = HOME.azimuth;
-    this.#elevation = HOME.elevation;
+    [this.#azimuth, this.#elevation] = HOME;
     this.#moved = false;
-    // The points, not a ball around them, decide the distance, so that a long thin surface fills its part of the window.
+    // The points, not a ball around them, decide the distance: each pair of sides of a pyramid touches them.
     const [right, above, back] = this.#axes();
-    this.#distance = 1e-3 * this.#radius;
-    for (const point of this.#framed) {
-      const d = difference(point, this.#target), reach = Math.max(Math.abs(dot(d, right)) / this.#tanX, Math.abs(dot(d, above)) / TAN_Y);
-      this.#distance = Math.max(this.#distance, reach / FRAMED_PART + dot(d, back));
+    const reach = (sign: number, axis: Vec3, slope: number): number =>
+      Math.max(0, ...this.#framed.map((point) => dot(difference(point, this.#target), sum(times(sign, axis), times(slope, back)))));
+    const sides = [[right, FRAMED_PART * this.#tanX], [above, FRAMED_PART * TAN_Y]] as const;
+    this.#distance = Math.max(1e-3 * this.#radius, ...sides.map(([axis, slope]) => (reach(1, axis, slope) + reach(-1, axis, slope)) / 2 / slope));
+    // The direction that needs less gets narrower sides until they touch, too: so the points are in the middle.
+    for (let [axis, slope] of sides) {
+      let one = 0, other = 0;
+      for (let step = 0; step < CENTRING_STEPS; ++step, slope = (one + other) / 2 / this.#distance)
+        [one, other] = [reach(1, axis, slope), reach(-1, axis, slope)];
+      this.#target = sum(this.#target, times((one - other) / 2, axis));
     }
   }
   /** Moves to `eye`, looking at `target`, which differs; straight up and down are avoided. */

@@ -42,16 +42,19 @@ test('TheCameraFramesItsBoxUntilItIsMoved', () => {
   camera.setViewport(1000, 500);
   const corners = [[-1, -2, -3], [3, -2, -3], [-1, 2, -3], [3, 2, -3], [-1, -2, 1], [3, -2, 1], [-1, 2, 1], [3, 2, 1]];
   camera.setScene([-1, -2, -3], [3, 2, 1], corners);
-  near(camera.target, [1, 0, -1]);
-  const inside = camera.diameterPx(camera.centre, camera.radius);
-  assert.ok(inside > 250 && inside < 700, `${inside}`);
-  const eye = camera.position;
+  const view = camera.viewFromScene, tangent = Math.tan(0.61 / 2);
+  const at = ([x, y, z]) => [0, 1, 2].map((i) => view[i] * x + view[i + 4] * y + view[i + 8] * z + view[i + 12]);
+  const sides = (axis, tan) => corners.map(at).map((point) => point[axis] / -point[2] / tan).sort((a, b) => a - b);
+  const across = sides(0, 2 * tangent), upward = sides(1, tangent), [left, right, below, above] = [across[0], across[7], upward[0], upward[7]];
+  assert.ok(Math.abs(Math.max(right - left, above - below) / 2 - 2 / 3) < 1e-3, 'two thirds of the window');
+  assert.ok(Math.abs(left + right) < 0.01 && Math.abs(below + above) < 0.01, 'in the middle');
+  const eye = camera.position, target = camera.target;
   camera.setScene([-2, -4, -6], [6, 4, 2], corners.map((corner) => corner.map((x) => 2 * x)));
-  assert.ok(Math.hypot(...camera.position.map((x, i) => x - camera.target[i])) > 1.9 * Math.hypot(...eye.map((x, i) => x - [1, 0, -1][i])), 'twice the box, twice the distance');
+  assert.ok(Math.hypot(...camera.position.map((x, i) => x - camera.target[i])) > 1.9 * Math.hypot(...eye.map((x, i) => x - target[i])), 'twice the box, twice the distance');
   camera.rotate([10, 0]);
-  const moved = camera.position;
-  camera.setScene([-1, -2, -3], [3, 2, 1]);
-  near(camera.position, moved);
+  const turned = camera.position;
+  camera.setScene([-1, -2, -3], [3, 2, 1], corners);
+  near(camera.position, turned);
 });
 
 test('LooksFromAnyEyeForAnyUp', () => {
