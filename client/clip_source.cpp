@@ -157,10 +157,13 @@ std::string name_of(const std::string& input) {
 }  // namespace
 
 Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,
-                                                         const BakeProgress& progress) {
+                                                         const BakeProgress& progress, const LogSink& log) {
   if (is_recording(input)) return open_recording(input, cache_dir, progress);
   auto clip = open_input(input);
   if (!clip) return clip.error();
+  if (const Appearance* appearance = (*clip)->appearance()) {
+    for (const std::string& what : appearance->missing) eigencast::log(log, LogLevel::kWarning, what);
+  }
   BakeOptions options;
   options.name = name_of(input);
   options.appearance = (*clip)->appearance();
@@ -260,7 +263,8 @@ std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {
   return {pose};
 }
 
-OpeningClip::OpeningClip(std::string input, std::string cache_dir, bool watched) : detail_("reading " + input) {
+OpeningClip::OpeningClip(std::string input, std::string cache_dir, bool watched, LogSink log)
+    : log_(std::move(log)), detail_("reading " + input) {
   info_.emplace();
   info_->stream = input;
   thread_ = std::thread([this, watched, input = std::move(input), cache_dir = std::move(cache_dir)] {
@@ -303,7 +307,7 @@ void OpeningClip::bake(const std::string& input, const std::string& cache_dir) {
   Result<std::shared_ptr<const BakedClip>> made = fail(ErrorCode::kInternal, input + ": baking ended unexpectedly");
   // A surface too large for memory must not end the viewer.
   try {
-    made = BakedClip::open(input, cache_dir, progress);
+    made = BakedClip::open(input, cache_dir, progress, log_);
   } catch (const std::exception& error) {
     made = fail(ErrorCode::kInternal, input + ": " + error.what());
   }

@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "common/core/log.h"
 #include "common/motion/clip_motion.h"
 #include "common/motion/timeline.h"
 #include "common/surface/motion_clip.h"
@@ -47,10 +48,10 @@ struct BakedClip {
 
   ClipMotion curve() const { return {frames, times_us, period_us, is_cycle}; }
 
-  /// Bakes, or takes from cache_dir; of a recording reads. Errors: those of open_input, bake, project_clip and
-  /// read_recording.
+  /// Bakes, or takes from cache_dir; of a recording reads. Warns of files of its look that are missing. Errors: those
+  /// of open_input, bake, project_clip and read_recording.
   static Result<std::shared_ptr<const BakedClip>> open(const std::string& input, const std::string& cache_dir,
-                                                       const BakeProgress& progress = {});
+                                                       const BakeProgress& progress = {}, const LogSink& log = {});
 };
 
 /// Plays a clip without a broker, as its timeline() says. Capture times are due times.
@@ -100,7 +101,8 @@ class OpeningClip final : public PoseSource {
  public:
   static constexpr std::chrono::milliseconds kPollInterval{500};  ///< Between checks of watched files.
 
-  OpeningClip(std::string input, std::string cache_dir, bool watch = false);
+  /// log: as of BakedClip::open(); called from another thread.
+  OpeningClip(std::string input, std::string cache_dir, bool watch = false, LogSink log = {});
   /// Stops baking at its next report of progress, and waits for that.
   ~OpeningClip() override;
 
@@ -121,6 +123,7 @@ class OpeningClip final : public PoseSource {
   void watch(const std::string& input, const std::string& cache_dir);
   bool pause();
 
+  const LogSink log_;
   std::optional<control::StreamInfo> info_;
   std::unique_ptr<ClipSource> playing_;
   std::uint32_t times_read_ = 0;

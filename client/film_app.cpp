@@ -64,7 +64,7 @@ class Film {
     ProgressLine line = progress();
     for (std::size_t i = 0; i < streams.size(); ++i) {
       if (const auto input = clip_in(streams[i])) {
-        const auto clip = BakedClip::open(*input, options_.cache_dir, std::ref(line));
+        const auto clip = BakedClip::open(*input, options_.cache_dir, std::ref(line), log_);
         if (!clip) return clip.error();
         play(i, *clip, true);
       } else {

@@ -88,9 +88,9 @@ Result<std::unique_ptr<PoseSource>> open_source(const std::string& stream, const
   }
   eigencast::log(log, LogLevel::kInfo, *input + ": baking, or looking it up");
   if (in_background)
-    return std::unique_ptr<PoseSource>(std::make_unique<OpeningClip>(*input, options.cache_dir, options.watch));
-  const auto clip =
-      BakedClip::open(*input, options.cache_dir, [&stop](double, std::string_view) { return !stop.load(); });
+    return std::unique_ptr<PoseSource>(std::make_unique<OpeningClip>(*input, options.cache_dir, options.watch, log));
+  const auto clip = BakedClip::open(
+      *input, options.cache_dir, [&stop](double, std::string_view) { return !stop.load(); }, log);
   if (!clip) return clip.error();
   return std::unique_ptr<PoseSource>(std::make_unique<ClipSource>(*clip));
 }

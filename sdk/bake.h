@@ -69,9 +69,6 @@ struct BakeResult {
   std::string report;  ///< For people: what check_surface found, rank used, seconds taken.
 };
 
-/// Why an asset cannot have an image (that is whole): too large, or neither PNG nor JPEG.
-Result<void> check_image(const Appearance::Image& image);
-
 /// Estimates bytes from above. More than there is, and bake() refuses.
 double bake_bytes(std::size_t vertices, const BakeOptions& options);
 

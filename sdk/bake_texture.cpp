@@ -11,6 +11,8 @@ namespace {
 /// Coordinates beyond this are not UVs.
 constexpr float kFarthest = 1e6F;
 
+static_assert(kMaxImageBytes == AssetTexture::kMaxImageBytes);
+
 /// Indexes appearance.images; -1: none.
 int image_of(const Appearance& appearance, std::size_t face) {
   if (appearance.face_material.size() <= face) return appearance.images.size() == 1 ? 0 : -1;
@@ -26,19 +28,6 @@ bool in_image(const std::array<std::array<float, 2>, 3>& corners) {
 }
 
 }  // namespace
-
-Result<void> check_image(const Appearance::Image& image) {
-  const auto starts_with = [&](std::initializer_list<std::uint8_t> magic) {
-    return image.bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), image.bytes.begin());
-  };
-  const std::string what = "image \"" + image.name + "\" ";
-  if (image.bytes.empty()) return fail(ErrorCode::kNotFound, what + "is not there or too large");
-  if (image.bytes.size() > AssetTexture::kMaxImageBytes)
-    return fail(ErrorCode::kTooLarge, what + "has more than 16 MiB");
-  if (!starts_with({0x89, 'P', 'N', 'G'}) && !starts_with({0xff, 0xd8, 0xff}))
-    return fail(ErrorCode::kUnsupported, what + "is neither PNG nor JPEG");
-  return {};
-}
 
 std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& appearance, std::string& report) {
   const std::size_t F = surface.faces.size();

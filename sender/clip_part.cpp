@@ -45,7 +45,8 @@ class PartOfClip final : public MotionClip {
       for (std::uint32_t& corner : face) corner = prefix_corner(prefix->map, corner, N);
     }
     if (appearance_)
-      appearance_ = Appearance{chosen(stated_colours(clip_->rest(), *appearance_)), {}, {}, {}, {}, {}, {}};
+      appearance_ =
+          Appearance{chosen(stated_colours(clip_->rest(), *appearance_)), {}, {}, {}, {}, {}, {}, appearance_->missing};
     return {};
   }
 

@@ -55,7 +55,7 @@ Result<Source> bake_with_progress(const SourceOptions& options, const Console& c
   line.finish();
   if (!source) return source;
   log_bake(source->baked);
-  for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
+  log_clip(*source->clip);
   for (const std::string& finding : source->findings) spdlog::warn("{}", finding);
   return source;
 }

@@ -13,6 +13,7 @@
 #include "sender/commands.h"
 #include "sender/console.h"
 #include "sender/cut.h"
+#include "sender/live.h"
 #include "sender/morph_targets.h"
 #include "sender/page_file.h"
 #include "sender/source.h"
@@ -133,7 +134,7 @@ int run(const ExportCommand& command, const Console& console, Interrupt& interru
   if (!opened) return report_failure(opened.error());
   const auto clip = part_of(*std::move(opened), command.part);
   if (!clip) return report_failure(clip.error());
-  for (const std::string& note : (*clip)->notes()) spdlog::info("{}", note);
+  log_clip(**clip);
   nlohmann::json report{{"input", command.source.input},
                         {"to", command.to},
                         {"frames", (*clip)->frame_count()},

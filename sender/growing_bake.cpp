@@ -80,7 +80,7 @@ Result<BakeResult> GrowingBake::first(const Console& console, Interrupt& interru
   line.finish();
   if (!result) return result;
   log_bake(*result);
-  for (const std::string& note : clip().notes()) log(to_log(), LogLevel::kInfo, note);
+  log_clip(clip());
   for (const std::string& finding : findings_) log(to_log(), LogLevel::kWarning, finding);
   log(to_log(), LogLevel::kInfo,
       clip().name() + ": " + std::to_string(result->asset.vertex_count) + " vertices, r = " +

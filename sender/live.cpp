@@ -59,6 +59,12 @@ void log_bake(const BakeResult& baked) {
   if (!baked.not_kept.empty()) spdlog::warn("the bake is not kept: {}", baked.not_kept);
 }
 
+void log_clip(const MotionClip& clip) {
+  for (const std::string& note : clip.notes()) spdlog::info("{}", note);
+  if (clip.appearance() == nullptr) return;
+  for (const std::string& what : clip.appearance()->missing) spdlog::warn("{}", what);
+}
+
 void stay_coarse(const Error& why) {
   if (why.code != ErrorCode::kCancelled) spdlog::error("the stream stays coarse: {}", why.message);
 }

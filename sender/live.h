@@ -18,6 +18,8 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
                                            std::shared_ptr<const EncodedAsset> encoded, bool velocities = false);
 
 void log_bake(const BakeResult& baked);
+/// What opening it changed, and which files of its look are missing.
+void log_clip(const MotionClip& clip);
 
 /// The stream goes on with all of its basis, or stays as it is, and the log says why.
 void go_over(Publisher& publisher, const BakeResult& whole, std::shared_ptr<const Asset> asset,

@@ -3,6 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -25,6 +28,23 @@ const Appearance::Material* material_of(const Appearance& appearance, std::size_
 }
 
 }  // namespace
+
+std::string quoted_name(std::string_view name) {
+  constexpr std::size_t kShown = 100;
+  return '"' + escaped(name.substr(0, kShown)) + (name.size() > kShown ? "...\"" : "\"");
+}
+
+Result<void> check_image(const Appearance::Image& image) {
+  const auto starts_with = [&](std::initializer_list<std::uint8_t> magic) {
+    return image.bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), image.bytes.begin());
+  };
+  const std::string what = "image " + quoted_name(image.name) + " ";
+  if (image.bytes.empty()) return fail(ErrorCode::kNotFound, what + "is empty or could not be read");
+  if (image.bytes.size() > kMaxImageBytes) return fail(ErrorCode::kTooLarge, what + "has more than 16 MiB");
+  if (!starts_with({0x89, 'P', 'N', 'G'}) && !starts_with({0xff, 0xd8, 0xff}))
+    return fail(ErrorCode::kUnsupported, what + "is neither PNG nor JPEG");
+  return {};
+}
 
 float linear_from_srgb(float part) {
   return part <= 0.04045F ? part / 12.92F : std::pow((part + 0.055F) / 1.055F, 2.4F);

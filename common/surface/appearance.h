@@ -2,10 +2,13 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "common/core/result.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -20,7 +23,7 @@ struct Appearance {
   struct Image {
     std::string name;
     std::string mime_type;            ///< "image/png", "image/jpeg", or what the file says.
-    std::vector<std::uint8_t> bytes;  ///< Encoded, as stored; never decoded here.
+    std::vector<std::uint8_t> bytes;  ///< Encoded, as stored; never decoded here. Empty: could not be read.
   };
   struct Material {
     std::string name;
@@ -34,7 +37,15 @@ struct Appearance {
   std::vector<int> face_material;                                  ///< F; -1: none.
   std::vector<Material> materials;
   std::vector<Image> images;
+  std::vector<std::string> missing;  ///< Files it names that cannot be used, and what follows: a warning each.
 };
+
+/// Why an asset cannot have an image (that is whole): empty, over kMaxImageBytes, or neither PNG nor JPEG.
+Result<void> check_image(const Appearance::Image& image);
+inline constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
+
+/// A file's name for a message: quoted, its control characters escaped, and at most 100 bytes of it.
+std::string quoted_name(std::string_view name);
 
 /// One colour for each vertex, sRGB: its own, or the mean (of light) over its corners of the corner's colour times its
 /// material's. Textures do not count. Empty where the file states no colours, or one grey alone.

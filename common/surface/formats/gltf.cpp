@@ -65,6 +65,7 @@ Result<std::unique_ptr<MotionClip>> gltf_clip_from_bytes(std::string_view bytes,
   auto animation = GltfAnimation::from_model(*model, numbers, *scene, options.animation);
   if (!animation) return in_context(name, animation.error());
   note_choice(*model, options.animation, scene->notes);
+  for (std::string& what : scene->appearance.missing) what = name + ": " + what;
 
   assert(options.rate_hz > 0);
   const double frames = std::floor((animation->end_s() - animation->start_s()) * options.rate_hz + 1e-6) + 1;

@@ -6,6 +6,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -354,8 +355,6 @@ class Builder {
         const auto good = store(mine.bytes, numbers_.bytes_of_view(image.bufferView));
         if (!good) return in_context("image", good.error());
       }
-      if (mine.bytes.empty())
-        scene_.notes.push_back("image \"" + mine.name + "\" is not below the file's folder: left out");
       scene_.appearance.images.push_back(std::move(mine));
     }
     for (const tinygltf::Material& material : model_.materials) {
@@ -367,7 +366,25 @@ class Builder {
       if (texture != nullptr && element(model_.images, texture->source) != nullptr) mine.image = texture->source;
       scene_.appearance.materials.push_back(std::move(mine));
     }
+    find_missing();
     return {};
+  }
+
+  /// Images of materials that faces have.
+  void find_missing() {
+    Appearance& appearance = scene_.appearance;
+    std::set<int> used;
+    for (const int material : std::set<int>(appearance.face_material.begin(), appearance.face_material.end()))
+      used.insert(material < 0 ? -1 : appearance.materials[static_cast<std::size_t>(material)].image);
+    for (const int number : used) {
+      if (number < 0) continue;
+      const Appearance::Image& image = appearance.images[static_cast<std::size_t>(number)];
+      const auto usable = check_image(image);
+      if (usable) continue;
+      const bool empty = image.bytes.empty();
+      const std::string why = "image " + quoted_name(image.name) + " is not there, or not below the file's folder";
+      appearance.missing.push_back((empty ? why : usable.error().message) + ": drawn without it");
+    }
   }
 
   const tinygltf::Model& model_;

@@ -190,7 +190,6 @@ class ObjParser {
 };
 
 constexpr std::size_t kMaxFiles = 64;
-constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
 constexpr std::size_t kMaxTextBytes = std::size_t{16} << 20;
 
 struct Material {
@@ -198,14 +197,18 @@ struct Material {
   std::string image;
 };
 
-/// Nothing where it is not there, elsewhere or large.
-std::optional<std::string> bytes_below(const std::string& folder, const std::string& name, std::size_t most) {
-  const std::string path = (fs::path(folder) / name).string();
+/// Errors: what is wrong with it, by its name.
+Result<std::string> bytes_below(const std::string& folder, const std::string& name, std::size_t most) {
+  const std::string path = (fs::path(folder) / name).string(), called = quoted_name(name);
   std::error_code code;
-  if (!text::is_file_below(folder, path) || fs::file_size(path, code) > most || code) return std::nullopt;
+  if (!fs::exists(path, code)) return fail(ErrorCode::kNotFound, called + " is not there");
+  if (!text::is_file_below(folder, path))
+    return fail(ErrorCode::kUnsupported, called + " is no file below the model's folder");
+  if (fs::file_size(path, code) > most || code)
+    return fail(ErrorCode::kTooLarge, called + " has more than " + std::to_string(most >> 20) + " MiB");
   auto bytes = text::bytes_of_file(path);
-  if (!bytes) return std::nullopt;
-  return std::move(*bytes);
+  if (!bytes) return fail(bytes.error().code, called + " cannot be read");
+  return bytes;
 }
 
 /// The file that a map names, behind its options, which are those that start with '-'.
@@ -242,15 +245,25 @@ Result<ParsedMesh> parse_obj(std::string_view bytes) {
   return ObjParser(bytes).run();
 }
 
-void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appearance& appearance) {
+void add_obj_appearance(const ParsedMesh& mesh, const std::string& path, Appearance& appearance) {
+  appearance = {};
   appearance.vertex_colour = mesh.colours;
   appearance.vertex_normals = mesh.normals;
   appearance.corner_uv = mesh.corner_uv;
   if (mesh.material.empty() || mesh.material_files.size() > kMaxFiles) return;
+  const fs::path parent = fs::path(path).parent_path();
+  const std::string folder = parent.empty() ? "." : parent.string();
   std::map<std::string, Material, std::less<>> materials;
+  std::vector<std::string> missing;
   for (const std::string& name : mesh.material_files) {
-    if (const auto bytes = bytes_below(folder, name, kMaxTextBytes)) read_library(*bytes, materials);
+    if (const auto bytes = bytes_below(folder, name, kMaxTextBytes))
+      read_library(*bytes, materials);
+    else
+      missing.push_back(path + ": " + bytes.error().message + ": drawn without its colours and textures");
   }
+  const auto is_found = [&](const std::string& name) { return materials.contains(name); };
+  if (!std::all_of(mesh.material_names.begin(), mesh.material_names.end(), is_found))
+    appearance.missing = std::move(missing);
   appearance.face_material = mesh.material;
   std::map<std::string, int> images;
   for (const std::string& name : mesh.material_names) {
@@ -263,10 +276,12 @@ void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appea
       const auto [image, fresh] = images.try_emplace(at->second.image, static_cast<int>(appearance.images.size()));
       mine.image = image->second;
       if (fresh) {
-        const auto bytes = bytes_below(folder, at->second.image, kMaxImageBytes);
-        appearance.images.push_back(
-            {at->second.image, "",
-             bytes ? std::vector<std::uint8_t>(bytes->begin(), bytes->end()) : std::vector<std::uint8_t>()});
+        Appearance::Image read{at->second.image, "", {}};
+        const auto bytes = bytes_below(folder, read.name, kMaxImageBytes);
+        if (bytes) read.bytes.assign(bytes->begin(), bytes->end());
+        const Result<void> usable = bytes ? check_image(read) : Result<void>(bytes.error());
+        if (!usable) appearance.missing.push_back(path + ": " + usable.error().message + ": drawn without it");
+        appearance.images.push_back(std::move(read));
       }
     }
     appearance.materials.push_back(std::move(mine));

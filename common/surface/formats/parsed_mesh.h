@@ -34,9 +34,10 @@ Result<ParsedMesh> parse_ply(std::string_view bytes);
 /// Triangles share a vertex where they have the same 32-bit position; those without three corners left are dropped.
 Result<ParsedMesh> parse_stl(std::string_view bytes);
 
-/// Takes over the UVs of the corners and the materials' colours (Kd) and images (map_Kd). Opens files below `folder`
-/// only; those that are absent, over 16 MiB or not text leave their material white and their image empty.
-void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appearance& appearance);
+/// Replaces `appearance` by the UVs of the corners and the materials' colours (Kd) and images (map_Kd). Opens files
+/// below the folder of `path` only; those that are absent, elsewhere or over 16 MiB leave their material white and
+/// their image empty, and appearance.missing says so.
+void add_obj_appearance(const ParsedMesh& mesh, const std::string& path, Appearance& appearance);
 
 /// Splits a polygon into a fan of triangles. REQUIRES: three corners or more.
 void add_fan(std::span<const std::uint32_t> corners, std::vector<Face>& faces);

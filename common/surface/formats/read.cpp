@@ -2,7 +2,6 @@
 #include "common/surface/formats/read.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <iterator>
 #include <new>
 #include <span>
@@ -84,8 +83,7 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& appearanc
   if (!bytes) return bytes.error();
   auto mesh = format_of(text::ending_of(path))->parse(*bytes);
   if (!mesh) return in_context(path, mesh.error());
-  const auto folder = std::filesystem::path(path).parent_path();
-  add_obj_appearance(*mesh, folder.empty() ? "." : folder.string(), appearance);
+  add_obj_appearance(*mesh, path, appearance);
   return std::move(mesh->surface);
 }
 

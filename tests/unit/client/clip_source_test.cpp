@@ -1,18 +1,29 @@
 // SPDX-License-Identifier: MIT
 #include "client/clip_source.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <filesystem>
+#include <fstream>
 
+#include "client/apps.h"
+#include "client/film_plan.h"
+#include "client/open_source.h"
 #include "common/surface/formats/write.h"
 #include "common/surface/shapes/shapes.h"
+#include "tests/support/process.h"
 #include "tests/unit/view/fake_source.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
 namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 std::shared_ptr<const BakedClip> baked_heart() {
   static const auto clip = BakedClip::open("heart", "");
@@ -88,6 +99,38 @@ TEST(ClipSources, PlayedSurfaceIsShown) {
                                        clip->asset.origin[d] - (*truth)[clip->asset.source_vertex[i]][d]));
   }
   EXPECT_LT(worst, 0.02 * clip->asset.diagonal());
+}
+
+TEST(ClipSources, MissingTexturesAreWarnedOfOnce) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder.file("square.obj");
+  std::ofstream(path) << "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl skin\nf 1 2 3 4\n";
+  ClientOptions options;
+  options.scene.streams = {"file:" + path};
+  options.credentials.resize(1);
+  options.width = options.height = 64;
+  std::vector<std::string> warnings;
+  const LogSink log = [&](LogLevel level, std::string_view message) {
+    if (level >= LogLevel::kWarning) warnings.emplace_back(message);
+  };
+  const std::atomic<bool> stop{false};
+  const auto warnings_of = [&](bool in_background) {
+    warnings.clear();
+    const auto source = open_source(options.scene.streams[0], nullptr, options, in_background, stop, log);
+    EXPECT_TRUE(source) << source.error().message;
+    while (source && (*source)->asset() == nullptr && (*source)->stats().state != Subscriber::State::kRefused)
+      (*source)->poll(std::chrono::milliseconds(5));
+    return warnings;
+  };
+  const auto expected = ElementsAre(AllOf(HasSubstr(path), HasSubstr("m.mtl")));
+  EXPECT_THAT(warnings_of(false), expected);
+  EXPECT_THAT(warnings_of(true), expected);
+  warnings.clear();
+  options.film = FilmOptions{FilmTarget::from_path(folder.file("p%d.png")).value(), 30, 0.03};
+  ASSERT_EQ(run_film(options, stop, log), kExitGood);
+  EXPECT_THAT(warnings, expected);
+  std::ofstream(folder.file("m.mtl")) << "newmtl skin\nKd 1 0 0\n";
+  EXPECT_THAT(warnings_of(false), IsEmpty());
 }
 
 TEST(ClipSources, StillFilesGiveOnePose) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -16,6 +17,12 @@
 namespace eigencast {
 namespace {
 
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+using testing::StartsWith;
 using Colours = std::vector<std::array<std::uint8_t, 3>>;
 
 Colours colours_in(const std::string& name, const std::string& bytes) {
@@ -128,6 +135,33 @@ TEST(Appearance, ObjMaterialsComeFromFilesBelowTheFolder) {
   EXPECT_TRUE(appearance.images[1].bytes.empty()) << "a file that does not lie below the model's folder is not opened";
 }
 
+TEST(Appearance, FilesOfObjThatCannotBeUsedAreNamed) {
+  const TempDir dir, outside;
+  const std::string start = dir.file("square.obj") + ": ";
+  const auto missing = [&](const std::string& library) {
+    return appearance_of_square(dir, library, "usemtl skin\nf 1/1 2/2 3/3\nusemtl again\nf 1/1 3/3 4/4\n").missing;
+  };
+  EXPECT_THAT(missing(""), IsEmpty()) << "materials of no library are not meant to be there";
+  EXPECT_THAT(missing("mtllib gone.mtl\n"),
+              ElementsAre(AllOf(StartsWith(start), HasSubstr("\"gone.mtl\" is not there"))));
+  dir.write("m.mtl", "newmtl skin\nmap_Kd skin.png\nnewmtl again\nmap_Kd skin.png\n");
+  EXPECT_THAT(missing("mtllib m.mtl\n"), ElementsAre(AllOf(StartsWith(start), HasSubstr("\"skin.png\" is not there"))))
+      << "once, whoever uses it";
+  dir.write("skin.png", "garbage");
+  EXPECT_THAT(missing("mtllib m.mtl\n"), ElementsAre(AllOf(StartsWith(start), HasSubstr("neither PNG nor JPEG"))));
+  dir.write("skin.png", "\x89PNG");
+  EXPECT_THAT(missing("mtllib m.mtl\n"), IsEmpty());
+  EXPECT_THAT(missing("mtllib m.mtl\nmtllib gone.mtl\n"), IsEmpty()) << "every material was found";
+  dir.write("far.mtl", "newmtl skin\nmap_Kd " + outside.write("far.png", "\x89PNG") + "\nnewmtl again\n");
+  EXPECT_THAT(missing("mtllib far.mtl\n"), ElementsAre(HasSubstr("below")));
+  dir.write("evil.mtl", "newmtl skin\nmap_Kd \x1b[2J" + std::string(5000, 'x') + "\nnewmtl again\n");
+  const auto evil = missing("mtllib evil.mtl\n");
+  ASSERT_THAT(evil, ElementsAre(AllOf(HasSubstr("\\u001b[2Jx"), Not(HasSubstr("\x1b")))));
+  EXPECT_LT(evil[0].size(), start.size() + 200);
+  EXPECT_THAT(appearance_of_square(dir, "mtllib gone.mtl\n", "f 1 2 3 4\n").missing, IsEmpty())
+      << "no face has a material";
+}
+
 TEST(Appearance, SrgbTransferRoundTrips) {
   EXPECT_NEAR(linear_from_srgb(0.5F), 0.21404F, 1e-5);
   for (int i = 0; i < 256; ++i) {
@@ -147,6 +181,18 @@ TEST(Appearance, ClipColoursAreThoseOfTheRestPose) {
   ASSERT_NE((*clip)->appearance(), nullptr);
   EXPECT_EQ(stated_colours((*clip)->rest(), *(*clip)->appearance()),
             (Colours{{255, 0, 0}, {0, 128, 0}, {1, 2, 255}, {255, 255, 255}}));
+}
+
+TEST(Appearance, MaterialsOfTheRestPoseReplaceThoseOfTheFirstFrame) {
+  const TempDir dir;
+  const std::string square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+  dir.write("f0.obj", "mtllib gone.mtl\n" + square + "usemtl blue\nf 1 2 3 4\n");
+  dir.write("red.mtl", "newmtl red\nKd 1 0 0\n");
+  const std::string rest = dir.write("rest.obj", "mtllib red.mtl\n" + square + "usemtl red\nf 1 2 3 4\n");
+  const auto clip = open_clip(dir.file("f0.obj"), {.rest = rest});
+  ASSERT_TRUE(clip) << clip.error().message;
+  EXPECT_THAT((*clip)->appearance()->missing, IsEmpty());
+  EXPECT_EQ(stated_colours((*clip)->rest(), *(*clip)->appearance()), Colours(4, {255, 0, 0}));
 }
 
 }  // namespace

@@ -15,7 +15,11 @@
 namespace eigencast {
 namespace {
 
+using testing::AllOf;
+using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::StartsWith;
 
 std::string text(int number) {
   return std::to_string(number);
@@ -161,6 +165,32 @@ TEST(Gltf, PrimitivesMayLackUvsAndColours) {
   EXPECT_EQ(appearance->corner_uv[2], (std::array<Uv, 3>{}));
   ASSERT_EQ(appearance->corner_colour.size(), 3u);
   EXPECT_EQ(appearance->corner_colour[2][0], (std::array<float, 4>{1, 1, 1, 1}));
+}
+
+TEST(Gltf, BaseColourImagesThatCannotBeUsedAreNamed) {
+  const auto missing = [](const std::string& images) {
+    Glb glb;
+    const int position = glb.floats(kTetra, "VEC3", 3);
+    const int faces = glb.shorts(kTetraFaces);
+    // Two faces' materials and one that no face has.
+    const auto clip =
+        open(glb.bytes(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":)" + text(position) +
+                       R"(},"indices":)" + text(faces) + R"(,"material":0},{"attributes":{"POSITION":)" +
+                       text(position) + R"(},"indices":)" + text(faces) + R"(,"material":1}]}],"images":[)" + images +
+                       R"(],"textures":[{"source":0},{"source":1}],"materials":[)"
+                       R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
+                       R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
+                       R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":1}}}])"));
+    EXPECT_TRUE(clip) << clip.error().message;
+    return clip ? (*clip)->appearance()->missing : std::vector<std::string>();
+  };
+  EXPECT_THAT(missing(R"({"uri":"gone.png"},{"uri":"unused.png"})"),
+              ElementsAre(AllOf(StartsWith("test.glb: "), HasSubstr("\"gone.png\" is not there"))));
+  const std::string garbage = R"({"name":"skin","uri":"data:image/png;base64,Z2FyYmFnZQ=="})";
+  EXPECT_THAT(missing(garbage + R"(,{"uri":"unused.png"})"),
+              ElementsAre(AllOf(HasSubstr("\"skin\""), HasSubstr("neither PNG nor JPEG"))));
+  const std::string png = R"({"uri":"data:image/png;base64,iVBORw=="})";
+  EXPECT_THAT(missing(png + R"(,{"uri":"unused.png"})"), IsEmpty());
 }
 
 TEST(Gltf, SeamsAreWeldedWhereBothSidesMoveAlike) {
