@@ -404,6 +404,7 @@ void Subscriber::acknowledge(const control::Ack& ack) {
     const auto found = streams_.find(item.stream_id);
     if (item.generation != 0 && found != streams_.end()) found->second.stream->note_held(*this, item.generation);
   }
+  schedule_write();  // A window that it opened.
 }
 
 bool Subscriber::charge_poses(double work_us) {

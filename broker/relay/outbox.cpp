@@ -157,12 +157,13 @@ void Outbox::drop_overtaken(Lane& lane) {
 }
 
 void Outbox::note_in_flight(Lane& lane) {
+  if (lane.in_flight.size() == limits_.max_in_flight) {
+    // The oldest, which says when the window closes, stays.
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < lane.in_flight.size(); i += 2) lane.in_flight[kept++] = lane.in_flight[i];
+    lane.in_flight.resize(kept);
+  }
   lane.in_flight.push_back(lane.last);
-  if (lane.in_flight.size() <= limits_.max_in_flight) return;
-  // The oldest, which says when the window closes, stays.
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < lane.in_flight.size(); i += 2) lane.in_flight[kept++] = lane.in_flight[i];
-  lane.in_flight.resize(kept);
 }
 
 void Outbox::drop_unsent(const FramePtr& frame) {

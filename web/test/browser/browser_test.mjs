@@ -193,6 +193,7 @@ test('ImagesAreThoseOfTheNativeViewer', WITH_CLIENT, async () => {
 test('TheCameraFollowsKeysAndPointers', async () => {
   await onPage(`${site.url}/still?rate=raw`, async (tab) => {
     await tab.until(`${hasState('live')} && ${CLAY} > 100`, 150_000);
+    await tab.until("document.querySelector('canvas').style.touchAction === 'none'");  // Controls are loaded after the first picture.
     await tab.evaluate(`${button('pause')}.click()`);
     assert.equal(await tab.evaluate(`${button('pause')}.getAttribute('aria-pressed')`), 'true');
     await tab.evaluate('navigator.clipboard.writeText = async (text) => (window.copied = text)');
