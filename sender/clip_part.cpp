@@ -12,6 +12,7 @@
 #include "common/core/text.h"
 #include "common/motion/curve.h"
 #include "common/progressive/prefix.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
