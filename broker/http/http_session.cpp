@@ -247,6 +247,7 @@ class HttpSession final : public HttpConnection {
     if (has_unread_answer()) return answer_limit("read the answers to the requests before this one first");
 #ifdef EIGENCAST_TEST_ENDPOINTS
     if (echoes) {
+      transport().widen_receive_buffer();
       disarm();
       return std::make_shared<Echo>(context(), std::move(transport()), std::move(grant_))
           ->start(websocket::upgrade_answer(header("Sec-WebSocket-Key"), {}, "eigencast-broker"));

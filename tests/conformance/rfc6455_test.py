@@ -203,7 +203,7 @@ class Raw(Case):
         deaf = Peer(self.port, "/v1/subscribe", "eigencast.v2")
         deaf.sock.settimeout(0.5)
         try:
-            for i in range(200_000):
+            for i in range(1_000):
                 deaf.send(frame(PING, b"%0100d" % i) * 50)
         except OSError:
             pass

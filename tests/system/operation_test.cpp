@@ -86,7 +86,7 @@ TEST_F(Operation, TheStatusPageShowsStreamsAndClients) {
     EXPECT_THAT(row[3].get<std::string>(), HasSubstr("live/test"));
   }
   EXPECT_EQ(kinds, (std::set<std::string>{"sender", "viewer"}));
-  EXPECT_THAT(page["shown"].get<std::string>(), HasSubstr("2 of 2"));
+  EXPECT_THAT(page["clients-shown"].get<std::string>(), HasSubstr("2 of 2"));
   EXPECT_TRUE(std::regex_search(page["note"].get<std::string>(), std::regex("[0-9]+ connections"))) << page["note"];
 }
 

@@ -13,7 +13,7 @@ const element = () => ({
   append(child) { this.children.push(child); },
   replaceChildren(...children) { this.children = children; },
 });
-const elements = Object.fromEntries([...page.matchAll(/ id="([a-z]+)"/g)].map(found => [found[1], element()]));
+const elements = Object.fromEntries([...page.matchAll(/ id="([a-z-]+)"/g)].map(found => [found[1], element()]));
 const document = {createElement: element, getElementById: id => elements[id]};
 let refreshes = 0;
 await new Promise(done => {
