@@ -109,7 +109,7 @@ test('TheArchiveHoldsThePackageAndNothingElse', () => {
 });
 
 test('SizesAreThoseOfTheManual', () => {
-  const most = { 'inline.js': 147_000, 'parts.js': 106_000, 'three.js': 3000, 'react.js': 1000, 'babylon.js': 2000 };
+  const most = { 'inline.js': 147_000, 'parts.js': 107_000, 'three.js': 3000, 'react.js': 1000, 'babylon.js': 2000 };
   const size = (file) => gzipSync(dist(file), { level: 9 }).length;
   const sizes = Object.fromEntries(Object.keys(most).map((file) => [file, size(file)]));
   // With what it brings: the others share theirs.
