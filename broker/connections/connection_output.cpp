@@ -40,7 +40,7 @@ void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> fram
   const bool now = frames.size() == 1 && !blocked_ && !closing_ && write_queue_.empty() && !transport_.is_tls() &&
                    turn.writes_at_once() && !turn.is_sending(*this);
   if (!now || !outbox_.send_directly(stream_id, frame, turn.now_us())) return deliver_queued(stream_id, frames);
-  turn.note_written_at_once(kWriteUs + kPieceUs + static_cast<double>(frame.wire.size()) / kWrittenBytesPerUs);
+  turn.note_written_at_once(frame.wire.size());
   note_write(frame);
   count_sent(1, std::ssize(frame.wire));
   if (watch_.note_sent()) window_check_due_ = true;

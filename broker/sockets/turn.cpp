@@ -79,11 +79,11 @@ void Turn::end_turn() {
   } catch (...) {  // The next turn retries, so there must be one.
     end_armed_ = false;
     now_us_ = 0;
-    at_once_us_ = 0;
+    at_once_ = 0;
     throw;
   }
   now_us_ = 0;
-  at_once_us_ = late_.empty() ? 0 : kAtOnceUs;
+  at_once_ = late_.empty() ? 0 : kAtOnce;
 }
 
 void Turn::arm_tick() {

@@ -70,7 +70,7 @@ class SocketWriter {
 };
 
 constexpr unsigned kMaxBatch = 1024;  ///< Writes that go to the kernel at a time.
-constexpr double kAtOnceUs = 4 * kMaxBatch;  ///< Of a turn's writes before its end: a batch of short ones.
+constexpr std::size_t kBytesOfWrite = 24'000;  ///< As many bytes take as long as a short write.
 
 /// Hands many writes to the kernel in one call. A batch holds at most kMaxBatch, one of each writer.
 struct Uring;
@@ -111,9 +111,8 @@ class Turn {
   void arm() { (void)now_us(); }  ///< So that one ends.
 
   /// Whether one may write before the turn ends: most do, but for what takes longer, or is behind what is late.
-  bool writes_at_once() const { return at_once_us_ < kAtOnceUs; }
-  /// Of a write that takes about so long.
-  void note_written_at_once(double us) { at_once_us_ += us; }
+  bool writes_at_once() const { return at_once_ < kAtOnce; }
+  void note_written_at_once(std::size_t bytes) { at_once_ += kBytesOfWrite + bytes; }
 
   /// Whether writes join a batch, which is written when the turn ends or is full.
   bool batches() const { return ring_ != nullptr; }
@@ -166,7 +165,8 @@ class Turn {
   const void* held_last_ = nullptr;                ///< The last of held_.
   std::uint64_t batch_ = 1;
   unsigned batched_ = 0;  ///< Writes in the batch.
-  double at_once_us_ = 0;  ///< Of this turn's writes before its end.
+  static constexpr std::size_t kAtOnce = kMaxBatch * kBytesOfWrite;
+  std::size_t at_once_ = 0;  ///< Of this turn's writes before its end, in bytes.
   std::vector<SocketWriter*> now_;
   std::vector<SocketWriter*> tick_;
   std::vector<SocketWriter*> flushing_;  ///< Scratch.
