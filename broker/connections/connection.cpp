@@ -449,7 +449,7 @@ void Connection::close_later() {
 
 void Connection::close_now() {
   context_.turn.forget(*this);
-  blocked_&& open_ ? transport_.reset() : transport_.close();
+  blocked_ && open_ ? transport_.reset() : transport_.close();
   ended();
 }
 

@@ -139,7 +139,7 @@ class Stream {
   /// Begins an epoch, or continues the present one from its next join. REQUIRES: the format passed check_format,
   /// epochs do not fall. Errors: kInvalidArgument (codec).
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch, const std::string& resume = {});
-  /// Resume::issued of the last announcement, whoever has claimed it since.
+  /// Resume::issued of the last announcement; a later claim does not change it.
   const std::string& resume() const { return resume_; }
 
   /// Shows viewers what the next epoch is to bring, an asset of which none holds; null: nothing any more.

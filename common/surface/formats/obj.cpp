@@ -203,7 +203,7 @@ Result<std::string> bytes_below(const std::string& folder, const std::string& na
   std::error_code code;
   if (!fs::exists(path, code)) return fail(ErrorCode::kNotFound, called + " is not there");
   if (!text::is_file_below(folder, path))
-    return fail(ErrorCode::kUnsupported, called + " is no file below the model's folder");
+    return fail(ErrorCode::kUnsupported, called + " is not a file below the model's folder");
   if (fs::file_size(path, code) > most || code)
     return fail(ErrorCode::kTooLarge, called + " has more than " + std::to_string(most >> 20) + " MiB");
   auto bytes = text::bytes_of_file(path);

@@ -289,7 +289,7 @@ class PlyParser {
     return 1U << channel;
   }
 
-  // nx, ny, nz; of one that is no number of 32 bits nothing is made.
+  // nx, ny, nz; a value that is not a 32-bit number is left out.
   static void take_normal(const Property& property, double value, std::array<float, 3>& normal) {
     constexpr std::array<std::string_view, 3> kAxes{"nx", "ny", "nz"};
     const auto at = std::find(kAxes.begin(), kAxes.end(), property.name);

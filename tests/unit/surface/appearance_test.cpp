@@ -146,7 +146,7 @@ TEST(Appearance, FilesOfObjThatCannotBeUsedAreNamed) {
               ElementsAre(AllOf(StartsWith(start), HasSubstr("\"gone.mtl\" is not there"))));
   dir.write("m.mtl", "newmtl skin\nmap_Kd skin.png\nnewmtl again\nmap_Kd skin.png\n");
   EXPECT_THAT(missing("mtllib m.mtl\n"), ElementsAre(AllOf(StartsWith(start), HasSubstr("\"skin.png\" is not there"))))
-      << "once, whoever uses it";
+      << "once for all users";
   dir.write("skin.png", "garbage");
   EXPECT_THAT(missing("mtllib m.mtl\n"), ElementsAre(AllOf(StartsWith(start), HasSubstr("neither PNG nor JPEG"))));
   dir.write("skin.png", "\x89PNG");
