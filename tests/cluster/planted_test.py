@@ -26,7 +26,7 @@ PLANTED = {
 }
 CONTROL = ["--only=reload-broker,kill-sender,move-sender,hold-backbone,kill-broker", "--seconds=20"]
 # What the broker is made of.
-PARTS = ["cmake", "common", "sdk", "broker", "sender", "tools", "deploy", "docs"]
+PARTS = ["cmake", "common", "sdk", "web", "broker", "sender", "tools", "deploy", "docs"]
 
 
 def patch(sources, name, *flags):
@@ -56,7 +56,8 @@ def built(sources, folder):
     """A broker with all of the faults; what an earlier run built is used."""
     copy, build = folder / "sources", folder / "build"
     for part in PARTS:
-        shutil.copytree(sources / part, copy / part, copy_function=copy_changed, dirs_exist_ok=True)
+        shutil.copytree(sources / part, copy / part, ignore=shutil.ignore_patterns("node_modules"),  # Without them there is no page to build.
+                        copy_function=copy_changed, dirs_exist_ok=True)
     for file in sources.glob("*"):
         if file.is_file():
             copy_changed(file, copy / file.name)
