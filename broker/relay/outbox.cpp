@@ -114,6 +114,7 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
     lane.waits = false;
     if (!frame) continue;
     if (lane.key || lane.pose) wait(lane);
+    lane.wants_join = false;
     note_sent(lane, *frame, now_us);
     return Item{nullptr, std::move(frame)};
   }

@@ -118,7 +118,7 @@ class Outbox {
     std::uint32_t stream_id = 0;
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
-    bool waits = false;                   ///< Its stream is in waiting_.
+    bool waits = false;                   ///< Its stream is in waiting_: it has a frame, or wants a join.
     FramePtr key;                         ///< Waiting key or join.
     FramePtr pose;                        ///< Waiting step or estimate.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
@@ -183,8 +183,7 @@ class Outbox {
 inline bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
   if (lanes_.size() != 1 || !control_.empty()) return false;
   Lane& lane = *lanes_.begin();
-  if (lane.stream_id != stream_id || lane.key || lane.pose) return false;
-  // A receiver that has nothing may begin with this frame if it is a join.
+  if (lane.stream_id != stream_id || lane.waits) return false;
   if (!decodable(frame, lane.newest) || frames_wait(now_us) || window_closed(lane, now_us)) return false;
   if (frame.envelope.kind == FrameKind::kStep && is_overtaken(lane, frame)) return false;
   note_sent(lane, frame, now_us);
@@ -193,7 +192,6 @@ inline bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, T
 
 inline void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
   if (frame.envelope.is_key()) lane.newest = frame.envelope.sequence;
-  lane.wants_join = false;
   ++lane.counts.sent;
   lane.last = {frame.envelope.sequence, frame.envelope.step, now_us};
   if (acknowledges_) note_in_flight(lane);

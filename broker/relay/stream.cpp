@@ -456,7 +456,8 @@ void Stream::deliver(Group& group) {
   frames_made_ += frames.size();
   poses_failed_ += group.feed.take_failed_poses();
   if (frames.empty()) return;
-  for (Watcher* watcher : group.watchers) watcher->on_frames(*this, frames);
+  const std::span<const FramePtr> made = frames;
+  for (Watcher* watcher : group.watchers) watcher->on_frames(*this, made);
   if (tracer_.every() != 0) {
     // Traces of earlier frames: the present ones may be written only at the end of the turn.
     send_traces(group);

@@ -7,7 +7,6 @@
 #include <openssl/evp.h>
 #include <openssl/ssl.h>
 #include <sys/ioctl.h>
-#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -181,12 +180,6 @@ Transport::Outcome Transport::write(std::span<const iovec> pieces) {
   message.msg_iovlen = pieces.size();
   const ssize_t count = ::sendmsg(socket_.native_handle(), &message, kSendFlags);
   return outcome_of(count < 0 ? -errno : count, Wait::kWritable);
-}
-
-std::int64_t Transport::send(ByteView bytes) {
-  // Not ::send: it is a cancellation point and doubles the cost in a multi-threaded process.
-  const long count = ::syscall(SYS_sendto, socket_.native_handle(), bytes.data(), bytes.size(), kSendFlags, nullptr, 0);
-  return count < 0 ? -errno : count;
 }
 
 Transport::Outcome Transport::write_tls(std::span<const iovec> pieces) {

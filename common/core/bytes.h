@@ -53,16 +53,24 @@ class ByteReader {
  public:
   explicit ByteReader(ByteView in) : in_(in) {}
 
-  std::uint8_t u8() { return static_cast<std::uint8_t>(little_endian(1)); }
-  std::uint16_t u16() { return static_cast<std::uint16_t>(little_endian(2)); }
-  std::uint32_t u32() { return static_cast<std::uint32_t>(little_endian(4)); }
-  std::uint64_t u64() { return little_endian(8); }
+  std::uint8_t u8() { return little_endian<std::uint8_t>(); }
+  std::uint16_t u16() { return little_endian<std::uint16_t>(); }
+  std::uint32_t u32() { return little_endian<std::uint32_t>(); }
+  std::uint64_t u64() { return little_endian<std::uint64_t>(); }
   float f32() { return std::bit_cast<float>(u32()); }
   double f64() { return std::bit_cast<double>(u64()); }
   /// LEB128; a value of more than 64 bits or with a superfluous last byte of zero fails.
   std::uint64_t varint();
   /// A view of the next `count` bytes; empty and failed() when there are fewer.
-  ByteView bytes(std::size_t count);
+  ByteView bytes(std::size_t count) {
+    if (failed_ || count > in_.size() - at_) {
+      failed_ = true;
+      return {};
+    }
+    const ByteView view = in_.subspan(at_, count);
+    at_ += count;
+    return view;
+  }
 
   std::size_t position() const { return at_; }
   std::size_t remaining() const { return failed_ ? 0 : in_.size() - at_; }
@@ -71,7 +79,13 @@ class ByteReader {
   bool finished() const { return !failed_ && at_ == in_.size(); }
 
  private:
-  std::uint64_t little_endian(std::size_t count);
+  template <typename Unsigned>
+  Unsigned little_endian() {
+    static_assert(std::endian::native == std::endian::little);
+    Unsigned value = 0;
+    if (const ByteView from = bytes(sizeof value); !from.empty()) std::memcpy(&value, from.data(), sizeof value);
+    return value;
+  }
   ByteView in_;
   std::size_t at_ = 0;
   bool failed_ = false;

@@ -24,7 +24,7 @@ from websocket_peer import BINARY, TEXT, Broker, Peer, frame
 
 BROKER = None
 VIEWERS, FEW, MANY, SIZE = 800, 20, 420, 600
-MAX_INSTRUCTIONS = 215
+MAX_INSTRUCTIONS = 200
 # Ticks cost by the second, not by the delivery: they are left out.
 CALLGRIND = ["valgrind", "--tool=callgrind", "--toggle-collect=eigencast::broker::Connection::tick()", "--collect-atstart=yes"]
 MAX_CALLS = {"epoll": 1.05, "io_uring": 0.05}  # One call of 32 deliveries asks for the peer's window.
