@@ -312,13 +312,15 @@ void Broker::apply(const Result<Config>& wanted) {
   }
   auto security = load_security(*wanted);
   if (!security) return apply(security.error());
+  const auto next = std::make_shared<const Config>(reloaded(config(), *wanted));
+  if (auto good = check_config(*next); !good)
+    return apply(in_context("with what only a restart changes", good.error()));
   const auto changes = changes_between(config(), *wanted);
   for (const ConfigChange& change : changes) {
     log(context().log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
         change.path + " = " + change.after + " instead of " + change.before +
             (change.live ? "" : ": needs a restart, the old value stays until then"));
   }
-  const auto next = std::make_shared<const Config>(reloaded(config(), *wanted));
   loops_.for_each_loop([next](Context& each) { each.config = *next; }, [] {});
   gate_.replace_policy(std::move(security->policy));
   tls_ = std::move(security->tls);

@@ -35,6 +35,7 @@ Error io_error(const std::string& what, int number) {
 
 /// Period of updates of a file's times, which keep its last use across restarts.
 constexpr TimeUs kTouchUs = 60'000'000;
+constexpr std::size_t kCheckedBytes = 64 * 1024;  // At a time.
 
 Result<void> sync_folder(const std::string& path) {
   const FileHandle folder(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
@@ -82,6 +83,7 @@ Result<void> AssetStore::make_writable() {
   fs::create_directories(data_dir_, error);
   auto lock = locked(data_dir_);
   if (!lock) return lock.error();
+  if (fs::is_symlink(root_ + "/uploading", error)) fs::remove(root_ + "/uploading", error);  // It is emptied.
   fs::create_directories(root_ + "/uploading", error);  // A full disk makes no new one.
   for (fs::directory_iterator it(root_ + "/uploading", error), end; !error && it != end; it.increment(error)) {
     std::error_code ignored;
@@ -102,11 +104,11 @@ void AssetStore::load() {
        !error && it != end; it.increment(error)) {
     const auto id = Sha256::from_hex(it->path().filename().string());
     struct stat status = {};
-    if (!id || ::stat(it->path().c_str(), &status) != 0 || !S_ISREG(status.st_mode)) continue;
+    if (!id || ::lstat(it->path().c_str(), &status) != 0 || !S_ISREG(status.st_mode)) continue;
     // A file from the future (after a clock step) counts as used now.
     const TimeUs used_us = now_us - std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
     const auto size = static_cast<std::uint64_t>(status.st_size);
-    found.emplace_back(Entry{.size = size, .used_us = used_us, .touched_us = used_us}, *id);
+    found.emplace_back(Entry{.size = size, .used_us = used_us, .touched_us = used_us, .content = Content::kUnread}, *id);
   }
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first.used_us < b.first.used_us; });
   const std::lock_guard lock(mutex_);
@@ -202,23 +204,25 @@ std::string AssetStore::path_of(const Sha256& id) const {
 bool AssetStore::contains(const Sha256& id) const {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(id);
-  if (found == entries_.end()) return false;
+  if (found == entries_.end() || found->second.content == Content::kTorn) return false;
   use(found->second, steady_now_us());  // The caller is about to announce it.
   return true;
 }
 
 Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   const TimeUs now_us = steady_now_us();
-  bool touch = false;
+  bool touch = false, is_unread = false;
   {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(id);
-    if (found == entries_.end()) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
+    if (found == entries_.end() || found->second.content == Content::kTorn)
+      return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
+    is_unread = found->second.content == Content::kUnread;
     use(found->second, now_us);
     touch = now_us - found->second.touched_us > kTouchUs;
     if (touch) found->second.touched_us = now_us;
   }
-  FileHandle file(::open(path_of(id).c_str(), O_RDONLY | O_CLOEXEC));
+  FileHandle file(::open(path_of(id).c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
   if (file.get() < 0) {
     if (errno == ENOENT) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
     return io_error("asset " + id.hex(), errno);
@@ -226,10 +230,28 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   struct stat status = {};
   if (::fstat(file.get(), &status) != 0) return io_error("asset " + id.hex(), errno);
   if (touch) ::futimens(file.get(), nullptr);
+  if (is_unread && !check(id, file.get()))
+    return fail(ErrorCode::kNotFound, "asset " + id.hex() + " is damaged on the broker's disk: upload it again");
   std::array<std::uint8_t, kSegmentMagic.size()> magic{};
   const bool is_segment =
       ::pread(file.get(), magic.data(), magic.size(), 0) == ssize_t{magic.size()} && magic == kSegmentMagic;
   return Object{std::move(file), static_cast<std::uint64_t>(status.st_size), is_segment};
+}
+
+bool AssetStore::check(const Sha256& id, int file) const {
+  Sha256Stream hash;
+  Bytes piece(kCheckedBytes);
+  off_t at = 0;
+  ssize_t got = 0;
+  for (; (got = ::pread(file, piece.data(), piece.size(), at)) > 0; at += got)
+    hash.update(ByteView(piece).first(static_cast<std::size_t>(got)));
+  const bool is_whole = got == 0 && hash.finish() == id;
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  // An upload may have replaced the file.
+  if (found != entries_.end() && found->second.content == Content::kUnread)
+    found->second.content = is_whole ? Content::kWhole : Content::kTorn;
+  return is_whole;
 }
 
 void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& asset, std::string_view holder) {
@@ -420,12 +442,12 @@ Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, st
   const std::string path = path_of(id);
   const std::lock_guard lock(mutex_);
   const auto known = entries_.find(id);
-  if (known != entries_.end() && ::access(path.c_str(), F_OK) == 0) {
+  if (known != entries_.end() && known->second.content != Content::kTorn && ::access(path.c_str(), F_OK) == 0) {
     use(known->second, now_us);
     return false;
   }
   if (::rename(verified.c_str(), path.c_str()) != 0) return io_error("keeping asset " + id.hex(), errno);
-  if (known != entries_.end()) erase(known);  // Its file was removed by others.
+  if (known != entries_.end()) erase(known);  // Its file was torn, or removed by others.
   insert(id, {.size = size, .used_us = now_us, .touched_us = now_us, .holder = &holder, .is_durable = false});
   return true;
 }
@@ -511,7 +533,7 @@ Result<bool> AssetStore::Upload::commit() {
     return fail(ErrorCode::kCorrupt,
                 "the body has SHA-256 " + actual.hex() + ", not " + expected_.hex() + ": nothing was kept");
   }
-  if (store_.is_durable(expected_)) return false;
+  if (store_.is_durable(expected_) && store_.read(expected_)) return false;
   const std::string path = store_.path_of(expected_);
   const std::string folder = path.substr(0, path.rfind('/'));
   if (::mkdir(folder.c_str(), 0755) == 0) {

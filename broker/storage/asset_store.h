@@ -30,7 +30,8 @@ constexpr std::uint64_t charge_of(std::uint64_t bytes) {
   return (bytes + kBlockBytes - 1) / kBlockBytes * kBlockBytes + kEntryBytes;
 }
 
-/// Objects (manifests and chunks) in a folder, each named by its SHA-256. Visible objects are complete and verified.
+/// Objects (manifests and chunks) in a folder, each named by its SHA-256. What is read is complete and verified: a file
+/// that a disk has torn is none, and the next upload replaces it.
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
 /// When an upload needs space, the least recently used objects that no stream uses are evicted; those of a holder
@@ -132,6 +133,8 @@ class AssetStore final : public StreamTap {
 
  private:
   static constexpr TimeUs kNever = std::numeric_limits<TimeUs>::min() / 2;
+  /// Of a file that was found at the start its hash says what it is, when it is first read.
+  enum class Content : std::uint8_t { kUnread, kWhole, kTorn };
   struct Entry {
     std::uint64_t size = 0;
     TimeUs used_us = 0;       ///< On the steady clock; negative for uses before this process.
@@ -139,6 +142,7 @@ class AssetStore final : public StreamTap {
     TimeUs read_us = kNever;  ///< When note_uses() last did.
     Holder* holder = nullptr;
     bool is_durable = true;  ///< Found at the start, or synced.
+    Content content = Content::kWhole;
     std::string user{};      ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
     TimeUs user_us = 0;      ///< When that was found.
     std::list<Sha256>::iterator order{}, held{};  ///< In order_, and in the holder's.
@@ -180,6 +184,8 @@ class AssetStore final : public StreamTap {
   void note_durable(const Sha256& id);
   void insert(const Sha256& id, Entry entry);  ///< As the one used last. REQUIRES: mutex_, and that it is charged.
   void erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry);  ///< REQUIRES: mutex_.
+  /// Reads a file that nobody has read since the start. False: it is not what its name says.
+  bool check(const Sha256& id, int file) const;
   /// Makes a verified file an object. False: it existed; counts as a use.
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size, Holder& holder);
   std::string temporary_path();  ///< In the folder that open() empties.

@@ -228,5 +228,19 @@ TEST_F(LimitsTest, AReloadAppliesEverythingOrNothing) {
   EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 401 "));
 }
 
+TEST_F(LimitsTest, AReloadSuitsTheAddressThatIsInUse) {
+  const std::string toml = scene_.file("eigencast.toml");
+  const std::string whole = "[server]\nlisten = \"0.0.0.0:0\"\n" + text_of(toml);
+  write_secret(toml, whole);
+  // Without --listen and its value.
+  auto broker = scene_.start_broker(configured(), {"sh", "-c", "shift 2; exec \"$0\" \"$@\""});
+  for (const char* half : {"", "[server]\n"}) {  // As a program that writes it anew leaves it for a moment.
+    write_secret(toml, half);
+    EXPECT_FALSE(reloads(*broker)) << half << scene_.logs();
+  }
+  write_secret(toml, whole);
+  EXPECT_TRUE(reloads(*broker)) << scene_.logs();
+}
+
 }  // namespace
 }  // namespace eigencast::testing

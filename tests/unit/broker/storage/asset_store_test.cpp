@@ -453,6 +453,40 @@ TEST_F(AssetStoreTest, ForeignFilesAreIgnored) {
   }
 }
 
+TEST_F(AssetStoreTest, TornFileIsNoObjectAndAnUploadReplacesIt) {
+  for (const Bytes& left : {Bytes(), Bytes(20, 42), Bytes(kContent.size(), 41)}) {
+    open();
+    const Sha256 id = *put(kContent);
+    std::ofstream(path_of(id), std::ios::binary).write(reinterpret_cast<const char*>(left.data()), std::ssize(left));
+    open();
+    EXPECT_EQ(store_->read(id).error().code, ErrorCode::kNotFound) << left.size();
+    EXPECT_FALSE(store_->contains(id)) << left.size();
+    EXPECT_EQ(put(kContent), id);
+    EXPECT_EQ(store_->bytes_of(id).value(), kContent) << left.size();
+    EXPECT_EQ(store_->total_bytes(), charge_of(kContent.size()));
+    EXPECT_EQ(store_->objects(), 1u);
+  }
+}
+
+TEST_F(AssetStoreTest, LinksAreNotFollowed) {
+  open();
+  const Sha256 id = *put(kContent);
+  const std::string outside = folder_ + "/outside";
+  fs::rename(path_of(id), outside);
+  fs::create_symlink(outside, path_of(id));
+  fs::remove(folder_ + "/assets/uploading");
+  fs::create_directory(folder_ + "/kept");
+  std::ofstream(folder_ + "/kept/1") << "of somebody else";
+  fs::create_directory_symlink(folder_ + "/kept", folder_ + "/assets/uploading");
+  open();
+  EXPECT_FALSE(store_->contains(id));
+  EXPECT_EQ(store_->read(id).error().code, ErrorCode::kNotFound);
+  EXPECT_TRUE(fs::exists(folder_ + "/kept/1"));
+  EXPECT_EQ(put(kContent), id);
+  EXPECT_EQ(store_->bytes_of(id).value(), kContent);
+  EXPECT_TRUE(fs::is_regular_file(fs::symlink_status(path_of(id))));
+}
+
 TEST_F(AssetStoreTest, RecentlyUsedObjectStays) {
   open({kTenBlocks, kTenBlocks, 100, 60'000'000});
   EXPECT_TRUE(put(Bytes(6 * kBlock, 1)));
