@@ -108,7 +108,8 @@ void AssetStore::load() {
     // A file from the future (after a clock step) counts as used now.
     const TimeUs used_us = now_us - std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
     const auto size = static_cast<std::uint64_t>(status.st_size);
-    found.emplace_back(Entry{.size = size, .used_us = used_us, .touched_us = used_us, .content = Content::kUnread}, *id);
+    found.emplace_back(
+        Entry{.size = size, .used_us = used_us, .touched_us = used_us, .content = Content::kUnread}, *id);
   }
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first.used_us < b.first.used_us; });
   const std::lock_guard lock(mutex_);
