@@ -182,7 +182,7 @@ void Connection::read() {
       return paused_ ? void() : wait_to_read(outcome.wait);
     }
     last_input_us_ = context_.turn.now_us();
-    pinged_ = false;
+    pinged_us_ = 0;
     if (records > 1) charge(kReadUs * (records - 1));
     unpaid_us_ = kReadUs;  // Included in the cost of a frame that begins.
     if (!take_input(buffer.first(outcome.bytes))) return;
@@ -414,22 +414,26 @@ void Connection::close_when_sent(const std::string& reason, CloseCode code) {
 }
 
 void Connection::tick() {
-  const TimeUs silent_us = reading_.waits ? 0 : context_.turn.now_us() - last_input_us_;
+  const TimeUs now_us = context_.turn.now_us(), silent_us = reading_.waits ? 0 : now_us - last_input_us_;
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
-  if (silent_us > idle_us) {
+  // A broker that was stopped has not asked.
+  if (silent_us > idle_us && pinged_us_ != 0 && now_us - pinged_us_ > idle_us / 2) {
     log(context_.log, LogLevel::kWarning,
         name() +
             (paused_ ? ": closed, it asks and has not taken the answers for " : ": closed, nothing came from it for ") +
             std::to_string(silent_us / 1'000'000) + " s (timeouts.idle_ms)");
     return close_later();
   }
-  if (!reading_.waits && reader_.behind_us(context_.turn.now_us()) > idle_us) {
+  if (!reading_.waits && reader_.behind_us(now_us) > idle_us) {
     return give_message_up(fail(ErrorCode::kTimeout,
                                 "a message came more slowly than 4,000 bytes a second, by more than "
                                 "timeouts.idle_ms: try a faster link, or smaller messages"));
   }
   if (!closing_) count_unfinished();  // What is not read may have grown without a request.
-  if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
+  if (silent_us > idle_us / 2 && pinged_us_ == 0) {
+    pinged_us_ = now_us;
+    send_framed(websocket::framed(Opcode::kPing, {}));
+  }
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");
     return send_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);

@@ -203,10 +203,10 @@ class Connection : public std::enable_shared_from_this<Connection>, private Sock
   std::unique_ptr<Timer> deadline_;  ///< For closing.
   ConnectionCount counted_;
   TimeUs last_input_us_ = 0;
+  TimeUs pinged_us_ = 0;  ///< Since the last input; 0: not.
   TimeUs opened_us_ = 0;
   std::uint64_t id_ = 0;
   websocket::CloseCode close_code_ = websocket::CloseCode::kNormal;
-  bool pinged_ = false;        ///< Since the last input.
   bool close_queued_ = false;  ///< The close frame is in write_queue_ or written.
   bool open_ = false;
   bool ended_ = false;

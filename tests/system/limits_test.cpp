@@ -6,6 +6,7 @@
 
 #include <csignal>
 #include <memory>
+#include <thread>
 
 #include "tests/system/access_scene.h"
 
@@ -240,6 +241,18 @@ TEST_F(LimitsTest, AReloadSuitsTheAddressThatIsInUse) {
   }
   write_secret(toml, whole);
   EXPECT_TRUE(reloads(*broker)) << scene_.logs();
+}
+
+TEST_F(LimitsTest, ABrokerThatWasStoppedAsksBeforeItCloses) {
+  auto broker = scene_.start_broker(configured({"--access-anonymous", "loopback", "--timeouts-idle-ms", "6000"}));
+  Wire viewer(scene_.port());
+  viewer.send(upgrade_of("/v1/subscribe"));
+  viewer.read_until("welcome");
+  broker->signal(SIGSTOP);
+  std::this_thread::sleep_for(std::chrono::seconds(7));
+  broker->signal(SIGCONT);
+  const std::string ping("\x89\0", 2);
+  EXPECT_THAT(viewer.read_until(ping), HasSubstr(ping)) << "it could not answer what nobody asked";
 }
 
 }  // namespace
