@@ -104,7 +104,7 @@ bool LevelControl::set_still(bool still) {
 std::vector<std::uint32_t> LevelControl::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
   if (!control_) return resolver_->resolve(objects, last);
   QualityControl::Choice choice = control_->choose(objects, last);
-  quality_ = quality_from_steps(choice.steps);
+  if (!choice.steps.empty()) quality_ = quality_from_steps(choice.steps);
   steps_ = std::move(choice.steps);
   return std::move(choice.levels);
 }
@@ -122,11 +122,13 @@ void LevelControl::make_resolver(const Camera& camera) {
     BudgetResolver::Settings settings;
     settings.f0 = settings_.target_fps;
     settings.deadline = settings_.deadline;
-    const auto knobs = usual_knobs();
-    if (settings_.quality == QualityMode::kAuto)
-      return void(control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfTheVertices * knobs[kScale].error,
-                                                            true, settings_.least_fps}));
-    resolver_ = std::make_unique<BudgetResolver>(settings);
+    if (settings_.quality == QualityMode::kAuto) {
+      const auto knobs = usual_knobs();
+      control_.emplace(QualityControl::Settings{settings, knobs, kOfHalfTheVertices * knobs[kScale].error, true,
+                                                settings_.least_fps});
+    } else {
+      control_.emplace(QualityControl::Settings{settings, {}, 0, false});
+    }
   } else {
     PaperResolver::Settings settings;
     settings.f0 = settings_.target_fps;

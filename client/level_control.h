@@ -37,7 +37,7 @@ struct LevelSettings {
   std::optional<double> near, far;
 };
 
-/// Lets a LodResolver choose the levels of a scene's surfaces, or a QualityControl these and how pictures are drawn.
+/// Lets a QualityControl choose the levels of a scene's surfaces, and how pictures are drawn, or the paper's resolver.
 /// Not thread-safe.
 class LevelControl {
  public:

@@ -163,7 +163,7 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera, std::opt
 }
 
 bool Session::look_still(const Camera& camera, TimeUs now_us) {
-  const Seen seen{scene_.poses_shown(), camera.position(), camera.target()};
+  const Seen seen{scene_.moves(), camera.position(), camera.target()};
   return levels_.set_still(stillness_.look(std::exchange(seen_, seen) != seen, now_us));
 }
 

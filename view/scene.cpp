@@ -202,6 +202,12 @@ std::uint64_t Scene::poses_shown() const {
   return largest;
 }
 
+std::uint64_t Scene::moves() const {
+  std::uint64_t all = 0;
+  for (const Instance& instance : instances_) all += instance.view.moves();
+  return all;
+}
+
 std::uint64_t Scene::vertex_count() const {
   std::uint64_t count = 0;
   for (const Instance& instance : instances_) count += instance.view.geometry().vertex_count();

@@ -59,6 +59,7 @@ class Scene {
   /// The box around all rest poses, in the scene. Version 0: none yet.
   const SurfaceFacts& facts() const { return facts_; }
   std::uint64_t poses_shown() const;
+  std::uint64_t moves() const;  ///< Of all surfaces: see SurfaceView::moves().
 
   std::uint64_t vertex_count() const;                                  ///< Drawn, of all surfaces.
   std::uint64_t triangle_count() const;                                ///< Likewise.

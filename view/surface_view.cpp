@@ -43,6 +43,13 @@ std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t ch
   return static_cast<std::uint32_t>((used + channels - 1) / channels);
 }
 
+/// But for what interpolation rounds.
+bool are_alike(std::span<const double> a, std::span<const double> b) {
+  constexpr double kRounding = 1e-12;
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](double x, double y) { return std::abs(x - y) <= kRounding * std::abs(y); });
+}
+
 Shown shown_from(FrameKind kind) {
   if (kind == FrameKind::kEstimate) return Shown::kEstimated;
   return kind == FrameKind::kStep ? Shown::kInterpolated : Shown::kLive;
@@ -195,10 +202,12 @@ bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {
   ++times_shown_[static_cast<std::size_t>(shown_)];
   fade_.apply(pose->bands, now_us, band_ends, coefficients_, pose->coefficients);
   channels_ = static_cast<std::uint32_t>(pose->coefficients.size() / rank);
-  coefficients_ = std::move(pose->coefficients);
   shown_time_ = pose->time_us;
-  has_pose_ = true;
   if (is_new) ++poses_shown_;
+  if (has_pose_ && are_alike(pose->coefficients, coefficients_)) return false;
+  coefficients_ = std::move(pose->coefficients);
+  has_pose_ = true;
+  ++moves_;
   return true;
 }
 

@@ -149,6 +149,7 @@ class SurfaceView {
 
   /// Does not count the rest pose.
   std::uint64_t poses_shown() const { return poses_shown_; }
+  std::uint64_t moves() const { return moves_; }  ///< Poses that were not like the one shown before.
   std::optional<TimeUs> shown_capture_us() const { return shown_time_; }  ///< Capture time of geometry().
   std::optional<TimeUs> newest_arrival_us() const { return newest_arrival_; }
   std::uint32_t bands_received() const { return bands_received_; }
@@ -197,7 +198,7 @@ class SurfaceView {
   std::array<std::uint64_t, 4> times_shown_{};
   bool paused_ = false;
   bool is_exact_ = false;  ///< The source has a timeline.
-  std::uint64_t poses_shown_ = 0, poses_unusable_ = 0;
+  std::uint64_t poses_shown_ = 0, poses_unusable_ = 0, moves_ = 0;
   std::uint32_t bands_received_ = 0;
 };
 

@@ -162,9 +162,9 @@ void QualityControl::adapt(const Scene& scene) {
   const double budget_s = levels_.fill() / f0_;
   const double full_s = fixed_s() + levels_.slope_s() * scene.most;
   trial_wanted_ = settings_.trials && (full_s > budget_s || lowered()) &&
-                  (next_trial_ < settings_.knobs.size() || since_trial_ >= kTrialEvery);
+                  (measures() || since_trial_ >= kTrialEvery);
   if (pictures_ < kWarm + kLearn || since_change_ < kLearn) return;
-  if (settings_.trials && next_trial_ < settings_.knobs.size()) return;  // measured first, at full quality
+  if (measures()) return;  // at full quality
   const double now = error_of(steps_, scene, budget_s);
   const Steps cheaper = best(scene, kFull * budget_s);
   const bool helps = time_left(cheaper) < time_left(steps_) && error_of(cheaper, scene, budget_s) < (1 - kBetter) * now;
@@ -183,16 +183,19 @@ void QualityControl::adapt(const Scene& scene) {
 
 void QualityControl::raise_least(std::vector<ObjectView>& objects) {
   std::vector<ObjectView> raised = objects;
+  const auto in_sight =
+      std::count_if(raised.begin(), raised.end(), [](const ObjectView& object) { return object.pixels > 0; });
   for (ObjectView& object : raised) {
-    if (object.pixels > 0)
-      object.min = std::max(object.min, static_cast<std::uint32_t>(kFewVertices * object.max + 0.5));
+    if (object.pixels <= 0) continue;
+    const double few = std::max(kFewVertices * object.max + 0.5, kFreeVertices / static_cast<double>(in_sight));
+    object.min = std::max(object.min, std::min(object.max, static_cast<std::uint32_t>(few)));
   }
   const double few = cost_of(raised, &ObjectView::min), fewer = few - cost_of(objects, &ObjectView::min);
   const double slope = levels_.slope_s(), few_s = fixed_s() + slope * few, left = time_left(steps_);
   const double sure_s = std::min(slope, left * vertex_s_) * fewer;
   if (!probe_.runs() && sure_s > 0 && sure_s >= kWorthwhile * std::max(few_s, left * few_s_)) return;
   const bool late = fixed_s() + slope * cost_of(objects, &ObjectView::max) > levels_.fill() / f0_;
-  const bool knows = pictures_ > kWarm + kLearn && (!settings_.trials || next_trial_ >= settings_.knobs.size());
+  const bool knows = pictures_ > kWarm + kLearn && !measures();
   if (!probe_.runs() && late && knows && !changed_ && since_probe_ >= probe_wait_ &&
       slope * fewer >= 2 * kWorthwhile * few_s && levels_.drawn() < 1.5 * few)
     probe_.start();

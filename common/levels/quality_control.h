@@ -76,6 +76,7 @@ class QualityControl final {
   static constexpr double kBetter = 0.1;    ///< Of the error.
   /// Of what is in sight. Fewer are drawn only where a VertexProbe has shown that this saves kWorthwhile of the time.
   static constexpr double kFewVertices = 0.2;
+  static constexpr double kFreeVertices = 2000;  ///< Of all surfaces: so many are not fewer in less time, likewise.
   static constexpr double kWorthwhile = 0.05;
   static constexpr int kLongestProbeWait = 240;  ///< Pictures between probes; at first kWait, then twice as long each.
 
@@ -118,7 +119,9 @@ class QualityControl final {
   double error_of(const Steps& steps, const Scene& scene, double budget_s) const;
   Steps best(const Scene& scene, double budget_s) const;
   double fixed_s() const;
-  /// Raises the smallest levels to kFewVertices, unless surfaces may go below it.
+  /// Whether knobs are measured for the first time.
+  bool measures() const { return settings_.trials && next_trial_ < settings_.knobs.size(); }
+  /// Raises the smallest levels to kFewVertices and kFreeVertices, unless surfaces may go below.
   void raise_least(std::vector<ObjectView>& objects);
   void note_probe(double seconds);
   void note_rest(double seconds);

@@ -56,6 +56,21 @@ TEST_F(SurfaceViews, ShowsTheNewestPoseAndOnlyOnce) {
   EXPECT_EQ(scene_.poses_shown(), 1u);
 }
 
+TEST_F(SurfaceViews, WhoRestsDoesNotMove) {
+  const auto given = [&](std::uint64_t sequence, float height) {
+    source_.batches.push_back({sphere_pose(source_.asset_, sequence, 1000 * static_cast<TimeUs>(sequence), height)});
+    return turn(1000 * static_cast<TimeUs>(sequence));
+  };
+  EXPECT_TRUE(given(1, 0.5F));
+  for (std::uint64_t sequence = 2; sequence < 5; ++sequence) EXPECT_FALSE(given(sequence, 0.5F));
+  EXPECT_EQ(scene_.poses_shown(), 4u);
+  EXPECT_EQ(scene_.shown_capture_us(), 4000);
+  EXPECT_EQ(scene_.moves(), 1u);
+  EXPECT_TRUE(given(5, 0.8F));
+  EXPECT_NEAR(height(), 0.8, 0.01);
+  EXPECT_EQ(scene_.moves(), 2u);
+}
+
 TEST_F(SurfaceViews, NormalsAreUnitAndPointOutward) {
   turn(0);
   const auto& g = scene_.geometry();
@@ -222,9 +237,9 @@ TEST_F(SurfaceViews, ABandThatComesOrGoesIsFaded) {
 TEST_F(SurfaceViews, FadeEndsWithoutStreamInfo) {
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 1)});
   turn(1000);
-  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 1)});
+  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 0.9F)});
   source_.batches.front()[0].envelope.bands = 1;
-  EXPECT_TRUE(turn(2000));
+  EXPECT_FALSE(turn(2000)) << "it begins to fade";
   source_.info_->format = {};  // as while the broker waits for a sender
   EXPECT_TRUE(turn(3000));
   EXPECT_FALSE(turn(4000));
