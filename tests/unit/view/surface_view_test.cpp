@@ -236,8 +236,9 @@ TEST_F(SurfaceViews, ABandThatComesOrGoesIsFaded) {
 
 TEST_F(SurfaceViews, FadeEndsWithoutStreamInfo) {
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 1)});
+  source_.batches.front()[0].coefficients.edit()[5 * 3 + 1] = 0.6;
   turn(1000);
-  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 0.9F)});
+  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 1)});
   source_.batches.front()[0].envelope.bands = 1;
   EXPECT_FALSE(turn(2000)) << "it begins to fade";
   source_.info_->format = {};  // as while the broker waits for a sender
