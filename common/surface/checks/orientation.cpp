@@ -38,6 +38,18 @@ bool contradicts(std::span<const EdgeUse> uses) {
   return any;
 }
 
+/// Closed, and more of it is wound inwards.
+bool encloses_nothing(const Surface& surface, std::span<const EdgeUse> uses) {
+  bool is_closed = true;
+  for_each_edge(uses, [&](std::span<const EdgeUse> edge) { is_closed &= edge.size() == 2; });
+  if (!is_closed || surface.faces.empty()) return false;
+  const std::vector<Vec3>& p = surface.positions;
+  const Vec3 origin = p[surface.faces[0][0]];
+  double volume = 0;
+  for (const auto& [a, b, c] : surface.faces) volume += dot(p[a] - origin, cross(p[b] - origin, p[c] - origin));
+  return volume < 0;
+}
+
 /// The next number of a sequence that fills 0 to 1 evenly: multiples of an irrational number.
 double part_of(std::size_t i, double step) {
   const double all = (static_cast<double>(i) + 0.5) * step;
@@ -157,7 +169,7 @@ OrientedPatches oriented_patches(std::span<const EdgeUse> uses, std::size_t face
 std::vector<bool> faces_to_turn(const Surface& surface) {
   if (surface.is_point_cloud()) return {};
   const std::vector<EdgeUse> uses = edge_uses(welded_faces(surface), surface.vertex_count());
-  if (!contradicts(uses)) return {};
+  if (!contradicts(uses) && !encloses_nothing(surface, uses)) return {};
   OrientedPatches patches = oriented_patches(uses, surface.faces.size());
   std::vector<std::uint32_t> order(surface.faces.size());
   std::iota(order.begin(), order.end(), 0U);

@@ -44,9 +44,24 @@ TEST(Orientation, ConsistentSurfacesStayAsTheyAre) {
   Surface surface = ball();
   EXPECT_TRUE(faces_to_turn(surface).empty());
   turn_faces(std::vector<bool>(surface.faces.size(), true), surface.faces);
-  EXPECT_TRUE(faces_to_turn(surface).empty()) << "inside out, but of one mind";
+  surface.faces.pop_back();
+  EXPECT_TRUE(faces_to_turn(surface).empty()) << "inside out and open, but of one mind";
   surface.faces.clear();
   EXPECT_TRUE(faces_to_turn(surface).empty()) << "a cloud";
+}
+
+TEST(Orientation, ClosedSurfacesEncloseSomething) {
+  Surface hollow = ball(), small = ball();
+  for (Vec3& p : small.positions) p = 0.5 * p;
+  turn_faces(std::vector<bool>(small.faces.size(), true), small.faces);  // The wall of a hole looks into it.
+  append(small, {0, 0, 0}, hollow);
+  EXPECT_TRUE(faces_to_turn(hollow).empty());
+  for (Surface surface : {ball(), hollow}) {
+    for (Vec3& p : surface.positions) p = p + Vec3{1e3, 0, 0};
+    const Surface good = surface;
+    turn_faces(std::vector<bool>(surface.faces.size(), true), surface.faces);
+    EXPECT_EQ(repaired(surface).faces, good.faces);
+  }
 }
 
 TEST(Orientation, ContradictingFacesFaceOutwards) {
