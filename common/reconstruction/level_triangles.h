@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -27,7 +28,13 @@ class LevelTriangles {
   void set_level(std::uint32_t N, std::vector<std::uint32_t>& triangles);
   std::uint32_t level() const { return level_; }
   std::span<const std::uint32_t> map() const { return map_; }  ///< Asset::map of the arrived rows.
+  /// The arrived faces, with corners among those rows.
+  std::span<const Corners> faces() const { return faces_; }
+  std::span<const std::uint32_t> death() const { return death_; }
 
+  void mark_all() {
+    std::fill(block_versions_.begin(), block_versions_.end(), ++version_);
+  }                                                   ///< As if all had changed.
   std::uint64_t version() const { return version_; }  ///< Grows with every change.
   /// For each run of kBlock indices the version at which one of them changed last.
   const std::vector<std::uint64_t>& block_versions() const { return block_versions_; }
@@ -40,7 +47,7 @@ class LevelTriangles {
 
   std::uint32_t base_ = 0, rows_ = 0, level_ = 0;
   std::vector<std::uint32_t> map_, death_;  ///< Copies of the asset's.
-  std::vector<std::array<std::uint32_t, 3>> faces_;
+  std::vector<Corners> faces_;
   /// Indices (3 x face + corner) that are this vertex while it is the newest, and map[vertex] below its level.
   std::vector<std::uint32_t> slots_, first_slot_;
   std::vector<std::uint64_t> block_versions_;

@@ -9,6 +9,7 @@
 
 #include "common/asset/detail.h"
 #include "common/core/worker_team.h"
+#include "common/reconstruction/corner_normals.h"
 #include "common/reconstruction/kernel.h"
 
 namespace eigencast {
@@ -181,17 +182,46 @@ std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t 
   return triangles;
 }
 
+namespace {
+
+///   origin  of the number of a normal: its vertex
+///   sum     its place
+template <typename Origin, typename Sum>
+void add_face_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, const Origin& origin,
+                      const Sum& sum) {
+  for (std::size_t t = 0; t + 3 <= triangles.size(); t += 3) {
+    const auto corners = triangles.subspan(t, 3);
+    const Vector a = point(positions, origin(corners[0]));
+    const Vector normal =
+        cross(minus(point(positions, origin(corners[1])), a), minus(point(positions, origin(corners[2])), a));
+    for (const std::uint32_t corner : corners) {
+      float* const to = sum(corner);
+      for (std::size_t d = 0; d < 3; ++d) to[d] += normal[d];
+    }
+  }
+}
+
+}  // namespace
+
 void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, std::span<float> sums) {
   assert(sums.size() >= positions.size());
   std::fill_n(sums.begin(), positions.size(), 0.0F);
-  for (std::size_t t = 0; t + 3 <= triangles.size(); t += 3) {
-    const auto corners = triangles.subspan(t, 3);
-    const Vector a = point(positions, corners[0]);
-    const Vector normal = cross(minus(point(positions, corners[1]), a), minus(point(positions, corners[2]), a));
-    for (const std::size_t corner : corners) {
-      for (std::size_t d = 0; d < 3; ++d) sums[3 * corner + d] += normal[d];
-    }
-  }
+  add_face_normals(
+      positions, triangles, [](std::uint32_t corner) { return corner; },
+      [&](std::uint32_t corner) { return &sums[std::size_t{3} * corner]; });
+}
+
+void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
+                  const CornerNormals& corners, std::span<float> sums, std::span<float> extras) {
+  assert(sums.size() >= positions.size());
+  std::fill_n(sums.begin(), positions.size(), 0.0F);
+  std::fill(extras.begin(), extras.end(), 0.0F);
+  const std::uint32_t n = corners.vertices();
+  add_face_normals(
+      positions, triangles, [&](std::uint32_t normal) { return corners.origin(normal); },
+      [&](std::uint32_t normal) {
+        return normal < n ? &sums[std::size_t{3} * normal] : &extras[std::size_t{3} * (normal - n)];
+      });
 }
 
 void normalise(std::span<float> vectors) {

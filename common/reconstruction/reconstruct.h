@@ -11,6 +11,8 @@
 
 namespace eigencast {
 
+class CornerNormals;
+
 /// One pose to rebuild.
 ///   C          r x channels, row-major; only the first three columns are used
 ///   positions  room for N x 3 floats, row-major
@@ -78,6 +80,10 @@ void vertex_normals(std::span<const float> positions, std::span<const std::uint3
 
 /// The same in two parts: sums the normals of each vertex' faces, each twice as long as the face's area;
 void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, std::span<float> sums);
+/// with corners that have other normals than their vertices' first: `triangles` holds numbers of normals, and `extras`
+/// takes the sums of all above;
+void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
+                  const CornerNormals& corners, std::span<float> sums, std::span<float> extras);
 /// scales vectors of three to unit length, zero vectors excepted.
 void normalise(std::span<float> vectors);
 
