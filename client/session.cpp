@@ -39,6 +39,7 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
       colours_(options.headless ? Decode::kNow : Decode::kBackground),
       pixel_scale_(options.ui_scale > 0 ? static_cast<float>(options.ui_scale) : 1),
       started_us_(steady_now_us()) {
+  scene_.set_shading(options.style);
   if (options.ago_s > 0) rewind_.begin(options.ago_s, options.speed);
   assert(std::all_of(options.scene.placements.begin(), options.scene.placements.end(),
                      [&](const Placement& placement) { return placement.source < sources.size(); }));

@@ -101,6 +101,8 @@ class GlBuffer final : public GlName<glGenBuffers, glDeleteBuffers> {
   std::size_t bytes() const { return bytes_; }
   /// Loses the content where it must grow.
   void reserve(std::size_t bytes, GLenum usage);
+  /// New memory: the GPU may still draw from the old.
+  void renew(std::size_t bytes) { replace_bytes(nullptr, bytes); }
   template <typename T>
   void replace(std::span<const T> values) {
     replace_bytes(values.data(), values.size_bytes());
@@ -110,17 +112,18 @@ class GlBuffer final : public GlName<glGenBuffers, glDeleteBuffers> {
   void write(std::size_t offset, std::span<const T> values) {
     write_bytes(offset, values.data(), values.size_bytes());
   }
-  /// Sends the blocks of values that have changed since version `had` (0: none sent yet). versions: of the last change
-  /// of each block; empty: unknown.
+  /// Sends the blocks of values that have changed since version `had` (0: none sent yet), to `offset`. versions: of the
+  /// last change of each block; empty: unknown.
   template <typename T>
   void update(std::span<const T> values, std::span<const std::uint64_t> versions, std::size_t block_size,
-              std::uint64_t had) {
-    if (values.size_bytes() > bytes()) grow(values.size_bytes() + values.size_bytes() / 4 + sizeof(T));
-    if (versions.empty() || had == 0) return write(0, values);
+              std::uint64_t had, std::size_t offset = 0) {
+    const std::size_t all = offset + values.size_bytes();
+    if (all > bytes()) grow(all + values.size_bytes() / 4 + sizeof(T));
+    if (versions.empty() || had == 0) return write(offset, values);
     for (std::size_t first = 0, last = 0; first < versions.size(); first = last + 1) {
       for (last = first; last < versions.size() && versions[last] > had;) ++last;
       const std::size_t begin = first * block_size, end = std::min(values.size(), last * block_size);
-      if (begin < end) write(begin * sizeof(T), values.subspan(begin, end - begin));
+      if (begin < end) write(offset + begin * sizeof(T), values.subspan(begin, end - begin));
     }
   }
 

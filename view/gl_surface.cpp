@@ -16,7 +16,7 @@ namespace eigencast {
 
 namespace {
 
-constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3, kCrease = 5, kOwnNormals = 6;  // 4: the browser's
+constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3;
 
 void set_array(GLuint number, GLuint buffer, GLint floats, GLsizei stride) {
   glBindBuffer(GL_ARRAY_BUFFER, buffer);
@@ -106,19 +106,13 @@ void send(GlBuffer& buffer, const VersionedBlocks<T>& blocks, std::uint64_t had)
   buffer.update(std::span<const T>(blocks.values), blocks.versions, VersionedBlocks<T>::kBlock, had);
 }
 
-/// All of them where nothing else is known, into new memory: the GPU may still draw from the old.
-void send(GlBuffer& buffer, std::span<const float> values, const BlockVersions& versions, std::uint64_t had) {
-  if (versions.empty() || had == 0) return buffer.replace(values);
-  buffer.update(values, std::span(versions), LevelTriangles::kBlock, had);
-}
-
 }  // namespace
 
 void GlTriangles::follow(const SurfaceGeometry& geometry) {
   if (std::exchange(maker_, geometry.maker) != geometry.maker) count_ = 0, version_ = 0;
   if (geometry.topology_version == version_) return;
   const std::uint64_t had = std::exchange(version_, geometry.topology_version);
-  const std::span<const std::uint32_t> indices = geometry.triangles;
+  const std::span<const std::uint32_t> indices = geometry.drawn_triangles();
   count_ = static_cast<GLsizei>(indices.size());
   buffer_.update(indices, std::span(geometry.triangle_blocks), LevelTriangles::kBlock, had);
 }
@@ -139,7 +133,11 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
   const bool other_maker = std::exchange(maker_, geometry.maker) != geometry.maker;
   const bool other_gpu = std::exchange(gpu_, geometry.gpu.get()) != geometry.gpu.get();
   if (other_maker || other_gpu) pose_version_ = level_version_ = topology_version_ = 0;
-  if (other_maker) crease_version_ = 0;
+  if (corners_ != geometry.corners) {
+    corners_ = geometry.corners;
+    pose_version_ = paint_version_ = 0;
+  }
+  extras_ = corners_ ? corners_->origins(geometry.vertex_count()) : std::span<const std::uint32_t>();
   is_point_cloud_ = geometry.is_point_cloud;
   is_solid_ = geometry.is_solid;
   spacing_ = geometry.point_spacing;
@@ -150,7 +148,6 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
     take_radii(geometry, had);
   if (std::exchange(topology_version_, geometry.topology_version) != geometry.topology_version)
     take_triangles(geometry);
-  if (std::exchange(crease_version_, geometry.crease_version) != geometry.crease_version) take_creases(geometry);
 }
 
 void GlSurface::take_pose(const SurfaceGeometry& geometry, std::uint64_t had) {
@@ -161,8 +158,12 @@ void GlSurface::take_pose(const SurfaceGeometry& geometry, std::uint64_t had) {
     bounds_.emplace();
     const std::vector<float>& at = geometry.positions;
     for (std::size_t i = 0; i + 2 < at.size(); i += 3) bounds_->add({at[i], at[i + 1], at[i + 2]});
-    send(positions_, geometry.positions, geometry.position_blocks, had);
-    send(normals_, geometry.normals, geometry.normal_blocks, had);
+    send(positions_, geometry.positions, 3, geometry.position_blocks, had);
+    send(normals_, geometry.normals, 3, geometry.normal_blocks, had);
+    const std::span<const float> extra_normals(geometry.extra_normals);
+    if (corners_)
+      normals_.update(extra_normals, std::span(geometry.extra_blocks), LevelTriangles::kBlock, had,
+                      3 * sizeof(float) * corners_->vertices());
   }
   const bool has_normals = gpu != nullptr ? gpu->has_normals : !geometry.normals.empty();
   set_array(kPosition, (gpu != nullptr ? gpu->drawn() : positions_).id(), 3,
@@ -176,7 +177,7 @@ void GlSurface::take_radii(const SurfaceGeometry& geometry, std::uint64_t had) {
   has_discs_ = !geometry.radii.empty();
   largest_radius_ = has_discs_ ? *std::max_element(geometry.radii.begin(), geometry.radii.end()) : 0;
   if (!has_discs_) return glDisableVertexAttribArray(kRadius);
-  send(radii_, geometry.radii, geometry.radius_blocks, had);
+  send(radii_, geometry.radii, 1, geometry.radius_blocks, had);
   set_array(kRadius, radii_.id(), 1, 0);
 }
 
@@ -187,16 +188,23 @@ void GlSurface::take_triangles(const SurfaceGeometry& geometry) {
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles.buffer());
 }
 
-void GlSurface::take_creases(const SurfaceGeometry& geometry) {
-  const auto take = [](GLuint attribute, GlBuffer& buffer, std::span<const float> values) {
-    glDisableVertexAttribArray(attribute);
-    glVertexAttrib1f(attribute, 0);
-    if (values.empty()) return;
-    buffer.replace(values);
-    set_array(attribute, buffer.id(), 1, 0);
-  };
-  take(kCrease, creases_, geometry.creases);
-  take(kOwnNormals, own_normals_, geometry.own_normals);
+/// And those of extra normals, from the first vertex that may have changed.
+void GlSurface::send(GlBuffer& buffer, std::span<const float> values, std::size_t floats, const BlockVersions& versions,
+                     std::uint64_t had) {
+  const bool all = versions.empty() || had == 0;
+  if (!corners_ && all) return buffer.replace(values);
+  if (corners_ && all) buffer.renew(floats * sizeof(float) * corners_->parents().size());
+  buffer.update(values, std::span(versions), LevelTriangles::kBlock, had);
+  if (!corners_ || values.empty()) return;
+  const auto changed = std::find_if(versions.begin(), versions.end(), [&](std::uint64_t v) { return v > had; });
+  const std::size_t vertex =
+      all ? 0 : static_cast<std::size_t>(changed - versions.begin()) * LevelTriangles::kBlock / floats;
+  const auto first = std::lower_bound(extras_.begin(), extras_.end(), vertex);
+  room_.clear();
+  for (auto v = first; v != extras_.end(); ++v)
+    room_.insert(room_.end(), &values[floats * *v], &values[floats * *v] + floats);
+  const std::size_t before = corners_->vertices() + static_cast<std::size_t>(first - extras_.begin());
+  buffer.write(floats * sizeof(float) * before, std::span<const float>(room_));
 }
 
 std::optional<Bounds> GlSurface::bounds() const {
@@ -229,7 +237,7 @@ void GlSurface::paint(const SurfacePaint& paint) {
   glDisableVertexAttribArray(kPaint);
   glVertexAttrib3f(kPaint, 0, 0, 0);
   if (!numbers && !colours) return;
-  send(values_, paint.values, paint.value_blocks, had);
+  send(values_, paint.values, numbers ? 1 : 3, paint.value_blocks, had);
   set_array(kPaint, values_.id(), numbers ? 1 : 3, 0);
 }
 

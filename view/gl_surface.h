@@ -6,7 +6,9 @@
 #include <glm/mat4x4.hpp>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "view/camera.h"
 #include "view/gl_objects.h"
@@ -40,6 +42,8 @@ class GpuSurface final {
   GlBuffer normals;
   bool has_normals = false;
   GlTriangles triangles;
+  GlBuffer extras;  ///< Origin and parent of each extra normal of `corners`; theirs come behind those of all vertices.
+  std::shared_ptr<const CornerNormals> corners;
   const GlBuffer& drawn() const { return morphs ? morphed : positions; }
 };
 
@@ -94,16 +98,19 @@ class GlSurface final {
   void take_pose(const SurfaceGeometry& geometry, std::uint64_t had);
   void take_radii(const SurfaceGeometry& geometry, std::uint64_t had);
   void take_triangles(const SurfaceGeometry& geometry);
-  void take_creases(const SurfaceGeometry& geometry);
+  void send(GlBuffer& buffer, std::span<const float> values, std::size_t floats, const BlockVersions& versions,
+            std::uint64_t had);
 
   GlArray array_;
-  GlBuffer positions_, normals_, values_, radii_, creases_, own_normals_;
+  GlBuffer positions_, normals_, values_, radii_;
   GlTriangles triangles_;
   std::unique_ptr<GlTexturePaint> texture_;
   GLsizei vertex_count_ = 0, index_count_ = 0;
   const GpuSurface* gpu_ = nullptr;  ///< Owner of the bound arrays, for comparison only; null: this.
-  std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0,
-                crease_version_ = 0;
+  std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0;
+  std::shared_ptr<const CornerNormals> corners_;
+  std::span<const std::uint32_t> extras_;  ///< Vertices that are drawn with other normals, too, behind all others.
+  std::vector<float> room_;
   int paint_ = 0;  ///< Mode of shaders::kPaint.
   bool is_point_cloud_ = false, has_discs_ = false, is_solid_ = false, is_mirrored_ = false;
   float spacing_ = 0, scale_ = 1, largest_radius_ = 0;

@@ -171,7 +171,8 @@ class GpuRebuilder final : public SurfaceRebuilder {
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &texels);
     max_texels_ = static_cast<std::size_t>(texels);
     unused_.reserve(1);
-    const std::string version = kVersion, level = version + shaders::kLevel, unit = level + shaders::kUnit;
+    const std::string version = kVersion, extras = version + shaders::kExtras, level = extras + shaders::kLevel,
+                      unit = level + shaders::kUnit;
     struct Source {
       GlProgram& program;
       const char* name;
@@ -181,7 +182,7 @@ class GpuRebuilder final : public SurfaceRebuilder {
     const std::array<Source, 6> sources{
         Source{positions_, "positions", shaders::kPositions, "", {"position"}},
         Source{blend_, "levels", level + shaders::kBlendPositions + shaders::kBlend, "", {"position"}},
-        Source{face_normals_, "face normals", version + shaders::kPixel + shaders::kFaceNormals, shaders::kPart, {}},
+        Source{face_normals_, "face normals", extras + shaders::kPixel + shaders::kFaceNormals, shaders::kPart, {}},
         Source{share_, "shared normals", level + shaders::kPixel + shaders::kShare, shaders::kPart, {}},
         Source{mesh_normals_, "normals", unit + shaders::kMeshNormals + shaders::kBlend, "", {"normal"}},
         Source{disc_normals_, "disc normals", unit + shaders::kDiscNormals + shaders::kBlend, "", {"normal"}}};
@@ -192,7 +193,8 @@ class GpuRebuilder final : public SurfaceRebuilder {
       for (const auto& [name, number] :
            {std::pair("floats", kFloats), std::pair("integers", kIntegers), std::pair("C", kC),
             std::pair("positions", kPositions), std::pair("weights", kWeights), std::pair("parents", kParents),
-            std::pair("corners", kCorners), std::pair("frames", kFrames), std::pair("rest", kRest)})
+            std::pair("corners", kCorners), std::pair("frames", kFrames), std::pair("rest", kRest),
+            std::pair("extras", kExtras)})
         source.program.set(name, static_cast<int>(number));
       source.program.set("sums", static_cast<int>(kSumsUnit));
     }
@@ -209,7 +211,7 @@ class GpuRebuilder final : public SurfaceRebuilder {
     };
     for (const RebuildJob& job : jobs) {
       SurfaceGeometry& geometry = *job.geometry;
-      if (!fits(*job.asset)) {
+      if (!fits(*job.asset, geometry)) {
         const Cost here = cpu_.rebuild({&job, 1});
         cost.positions_us += here.positions_us;
         cost.normals_us += here.normals_us;
@@ -237,15 +239,28 @@ class GpuRebuilder final : public SurfaceRebuilder {
     std::weak_ptr<const Reconstructor> of;
     std::unique_ptr<GpuBasis> gpu;
   };
-  enum Unit : GLuint { kFloats, kIntegers, kC, kPositions, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
+  enum Unit : GLuint {
+    kFloats,
+    kIntegers,
+    kC,
+    kPositions,
+    kWeights,
+    kParents,
+    kCorners,
+    kFrames,
+    kRest,
+    kExtras,
+    kUnits
+  };
   static constexpr GLuint kSumsUnit = kUnits;
 
-  bool fits(const Asset& asset) const {
+  bool fits(const Asset& asset, const SurfaceGeometry& geometry) const {
     GLint side = 0;
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
+    const std::size_t normals = geometry.corners ? geometry.corners->parents().size() : asset.vertex_count;
     return asset.detail.size() == 0 && GpuBasis::texels(asset) <= max_texels_ &&
-           std::size_t{asset.face_total} * 3 <= max_texels_ &&
-           asset.vertex_count <= static_cast<std::size_t>(side) * kSumsWidth;
+           std::size_t{asset.face_total} * 3 <= max_texels_ && normals <= max_texels_ &&
+           normals <= static_cast<std::size_t>(side) * kSumsWidth;
   }
 
   GpuBasis& basis_of(const RebuildJob& job) {
@@ -265,15 +280,49 @@ class GpuRebuilder final : public SurfaceRebuilder {
 
   void read_level(const RebuildJob& job) {
     const std::uint32_t whole = job.level->whole();
-    const std::span<const std::uint32_t> map(job.asset->map);
+    const CornerNormals* corners = job.geometry->corners.get();
+    const std::span<const std::uint32_t> map =
+        corners != nullptr ? corners->parents() : std::span(std::as_const(job.asset->map));
     weights_.replace(job.level->moving());
     parents_.replace(map.subspan(whole, job.level->moving().size()));
     read(kWeights, GL_R32F, weights_);
     read(kParents, GL_R32I, parents_);
-    for (const GlProgram* program : {&blend_, &share_, &mesh_normals_, &disc_normals_}) {
+    take_extras(*job.geometry);
+    for (const GlProgram* program : {&blend_, &face_normals_, &share_, &mesh_normals_, &disc_normals_}) {
       program->use();
       program->set("whole", static_cast<int>(whole));
+      program->set("vertices", static_cast<int>(job.asset->vertex_count));
+      program->set("drawn", static_cast<int>(job.vertices()));
     }
+  }
+
+  void take_extras(const SurfaceGeometry& geometry) {
+    GpuSurface& gpu = *geometry.gpu;
+    if (std::exchange(gpu.corners, geometry.corners) != geometry.corners && gpu.corners) {
+      std::vector<std::array<std::uint32_t, 2>> extras;
+      const std::uint32_t n = gpu.corners->vertices();
+      for (const std::uint32_t parent : gpu.corners->parents().subspan(n))
+        extras.push_back({gpu.corners->origin(static_cast<std::uint32_t>(n + extras.size())), parent});
+      gpu.extras.replace(std::span<const std::array<std::uint32_t, 2>>(extras));
+    }
+    if (gpu.corners) read(kExtras, GL_RG32I, gpu.extras);
+  }
+
+  /// Numbers of the extra normals of the vertices from `first` on.
+  struct Extras {
+    std::uint32_t first = 0, end = 0;
+  };
+  static Extras extras_of(const RebuildJob& job, std::uint32_t first) {
+    const CornerNormals* corners = job.geometry->corners.get();
+    if (corners == nullptr) return {};
+    const auto number = [&](std::uint32_t N) {
+      return corners->vertices() + static_cast<std::uint32_t>(corners->origins(N).size());
+    };
+    return {number(first), number(job.vertices())};
+  }
+  /// Vertices, and normals.
+  static std::size_t places(const RebuildJob& job) {
+    return job.geometry->corners ? job.geometry->corners->parents().size() : job.asset->vertex_count;
   }
 
   /// Runs the program for vertices [first, end) and keeps its outputs in the buffer, `bytes` each; draws nothing.
@@ -303,26 +352,34 @@ class GpuRebuilder final : public SurfaceRebuilder {
     positions_.set("integer_groups", static_cast<int>(packed.integer_groups));
     positions_.set("float_stride", static_cast<int>(basis.float_groups()));
     positions_.set("integer_stride", static_cast<int>(basis.integer_groups()));
-    gpu.positions.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kPositionBytes, GL_DYNAMIC_COPY);
+    gpu.positions.reserve(places(job) * GpuSurface::kPositionBytes, GL_DYNAMIC_COPY);
     keep(gpu.positions, GpuSurface::kPositionBytes, job.first, job.vertices());
 
     gpu.morphs = !job.level->moving().empty();
-    if (!gpu.morphs) return;
+    const Extras extras = extras_of(job, 0);
+    if (!gpu.morphs && extras.first == extras.end) return;
     read(kPositions, GL_RGBA32F, gpu.positions);
     const std::uint32_t whole = job.level->whole();
     gpu.morphed.reserve(gpu.positions.bytes(), GL_DYNAMIC_COPY);
-    glBindBuffer(GL_COPY_READ_BUFFER, gpu.positions.id());
-    glBindBuffer(GL_COPY_WRITE_BUFFER, gpu.morphed.id());
-    glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0,
-                        GLsizeiptr{whole} * GpuSurface::kPositionBytes);
     blend_.use();
+    keep(gpu.morphed, GpuSurface::kPositionBytes, extras.first, extras.end);
+    if (!gpu.morphs) return copy_positions(gpu.morphed, gpu.positions, extras.first, extras.end);
     keep(gpu.morphed, GpuSurface::kPositionBytes, whole, job.vertices());
+    copy_positions(gpu.positions, gpu.morphed, 0, whole);
+  }
+
+  static void copy_positions(const GlBuffer& from, const GlBuffer& to, std::uint32_t first, std::uint32_t end) {
+    glBindBuffer(GL_COPY_READ_BUFFER, from.id());
+    glBindBuffer(GL_COPY_WRITE_BUFFER, to.id());
+    const GLintptr begin = GLintptr{first} * GpuSurface::kPositionBytes;
+    glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, begin, begin,
+                        GLsizeiptr{end - first} * GpuSurface::kPositionBytes);
   }
 
   void make_normals(const RebuildJob& job, GpuSurface& gpu) {
     gpu.has_normals = !job.asset->is_point_cloud() || job.asset->splats.size() >= job.vertices();
     if (!gpu.has_normals) return;
-    gpu.normals.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kNormalBytes, GL_DYNAMIC_COPY);
+    gpu.normals.reserve(places(job) * GpuSurface::kNormalBytes, GL_DYNAMIC_COPY);
     if (job.asset->is_point_cloud()) {
       const GpuBasis& basis = basis_of(job);
       read(kPositions, GL_RGBA32F, gpu.positions);
@@ -335,11 +392,15 @@ class GpuRebuilder final : public SurfaceRebuilder {
       mesh_normals_.use();
     }
     keep(gpu.normals, GpuSurface::kNormalBytes, 0, job.vertices());
+    const Extras extras = extras_of(job, 0);
+    keep(gpu.normals, GpuSurface::kNormalBytes, extras.first, extras.end);
   }
 
   const Sums& sum_over_faces(const RebuildJob& job, GpuSurface& gpu) {
     const std::uint32_t N = job.vertices(), whole = job.level->whole();
-    sums_.reserve(N);
+    const Extras extras = extras_of(job, whole);
+    const std::uint32_t pixels = N + extras_of(job, 0).end - extras_of(job, 0).first;
+    sums_.reserve(pixels);
     read(kPositions, GL_RGBA32F, gpu.drawn());
     read(kCorners, GL_R32I, gpu.triangles.buffer());
     sums_.bind();
@@ -348,14 +409,17 @@ class GpuRebuilder final : public SurfaceRebuilder {
     face_normals_.set("size", sums_.size());
     glDrawArrays(GL_POINTS, 0, gpu.triangles.count());
     if (!gpu.morphs) return sums_;
-    shared_.reserve(N);
+    shared_.reserve(pixels);
     copy_colours(sums_.framebuffer(), shared_.framebuffer(), kSumsWidth, sums_.height());
     shared_.bind();
     share_.use();
     share_.set("size", shared_.size());
     bind_texture(kSumsUnit, GL_TEXTURE_2D, sums_.texture());
-    glDrawArraysInstanced(GL_POINTS, static_cast<GLint>(whole), static_cast<GLsizei>(N - whole),
-                          generations(*job.level, job.asset->map));
+    for (const auto& [first, end] : {Extras{whole, N}, extras}) {
+      if (first < end)
+        glDrawArraysInstanced(GL_POINTS, static_cast<GLint>(first), static_cast<GLsizei>(end - first),
+                              generations(*job.level, job.asset->map));
+    }
     return shared_;
   }
 

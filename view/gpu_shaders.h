@@ -28,19 +28,31 @@ void main() {
   position = vec4(sum, 1.0);
 })";
 
+/// Numbers of normals from `vertices` on are extra ones (CornerNormals), with an origin and a parent.
+inline constexpr const char* kExtras = R"(
+uniform int vertices, drawn;
+uniform isamplerBuffer extras;
+int origin_of(int i) { return i < vertices ? i : texelFetch(extras, i - vertices).x; }
+/// Its pixel in a picture of this width.
+ivec2 pixel_at(int i, int width) {
+  if (i >= vertices) i += drawn - vertices;
+  return ivec2(i % width, i / width);
+}
+)";
 /// Geomorphs: vertices from `whole` on have a weight and a parent (LevelMorph).
 inline constexpr const char* kLevel = R"(
 uniform int whole;
 uniform samplerBuffer weights;
 uniform isamplerBuffer parents;
-float weight_of(int i) { return texelFetch(weights, i - whole).x; }
-int parent_of(int i) { return texelFetch(parents, i - whole).x; }
+bool moves(int i) { return origin_of(i) >= whole; }
+float weight_of(int i) { return texelFetch(weights, origin_of(i) - whole).x; }
+int parent_of(int i) { return i < vertices ? texelFetch(parents, i - whole).x : texelFetch(extras, i - vertices).y; }
 )";
 inline constexpr const char* kBlend = R"(
 vec3 blended(int i) {
   vec3 sum = vec3(0.0);
   float rest = 1.0;
-  for (; i >= whole; i = parent_of(i)) {
+  for (; moves(i); i = parent_of(i)) {
     float w = weight_of(i);
     sum += rest * w * value(i);
     rest *= 1.0 - w;
@@ -51,26 +63,25 @@ vec3 blended(int i) {
 )";
 inline constexpr const char* kBlendPositions = R"(
 uniform samplerBuffer positions;
-vec3 value(int i) { return texelFetch(positions, i).xyz; }
+vec3 value(int i) { return texelFetch(positions, origin_of(i)).xyz; }
 vec3 blended(int i);
 out vec4 position;
 void main() { position = vec4(blended(gl_VertexID), 1.0); }
 )";
 
-/// Sums over faces by additive blending: each vertex has a pixel, and each corner of a face draws a point there with
+/// Sums over faces by additive blending: each normal has a pixel, and each corner of a face draws a point there with
 /// the face's normal, as long as twice its area.
 inline constexpr const char* kPixel = R"(
 uniform vec2 size;
 vec4 pixel_of(int i) {
-  vec2 pixel = vec2(i % int(size.x), i / int(size.x));
-  return vec4(2.0 * (pixel + 0.5) / size - 1.0, 0.0, 1.0);
+  return vec4(2.0 * (vec2(pixel_at(i, int(size.x))) + 0.5) / size - 1.0, 0.0, 1.0);
 }
 )";
 inline constexpr const char* kFaceNormals = R"(
 uniform isamplerBuffer corners;
 uniform samplerBuffer positions;
 flat out vec3 part;
-vec3 corner(int at) { return texelFetch(positions, texelFetch(corners, at).x).xyz; }
+vec3 corner(int at) { return texelFetch(positions, origin_of(texelFetch(corners, at).x)).xyz; }
 void main() {
   int first = gl_VertexID / 3 * 3;
   vec3 a = corner(first);
@@ -87,14 +98,14 @@ void main() {
   int i = gl_VertexID;
   float share = 1.0;
   for (int step = 0; step <= gl_InstanceID; ++step) {
-    if (i < whole) {
+    if (!moves(i)) {
       share = 0.0;
       break;
     }
     share *= 1.0 - weight_of(i);
     i = parent_of(i);
   }
-  part = share * texelFetch(sums, ivec2(gl_VertexID % int(size.x), gl_VertexID / int(size.x)), 0).xyz;
+  part = share * texelFetch(sums, pixel_at(gl_VertexID, int(size.x)), 0).xyz;
   gl_Position = share == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : pixel_of(i);
   gl_PointSize = 1.0;
 }
@@ -113,10 +124,7 @@ vec3 unit(vec3 v) {
 )";
 inline constexpr const char* kMeshNormals = R"(
 uniform sampler2D sums;
-vec3 value(int i) {
-  int width = textureSize(sums, 0).x;
-  return texelFetch(sums, ivec2(i % width, i / width), 0).xyz;
-}
+vec3 value(int i) { return texelFetch(sums, pixel_at(i, textureSize(sums, 0).x), 0).xyz; }
 vec3 blended(int i);
 out vec3 normal;
 void main() { normal = unit(blended(gl_VertexID)); }

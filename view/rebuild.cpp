@@ -51,6 +51,31 @@ void multiply(std::span<const RebuildJob> jobs) {
   }
 }
 
+/// Those of the level's faces, of unit length.
+void make_face_normals(const RebuildJob& job, std::vector<float>& normals) {
+  SurfaceGeometry& geometry = *job.geometry;
+  normals.resize(geometry.positions.size());
+  if (geometry.corners) {
+    const CornerNormals& corners = *geometry.corners;
+    geometry.extra_normals.resize(3 * corners.origins(job.vertices()).size());
+    area_normals(geometry.positions, geometry.corner_triangles, corners, normals, geometry.extra_normals);
+    corners.share(*job.level, normals, geometry.extra_normals);
+    normalise(geometry.extra_normals);
+  } else {
+    area_normals(geometry.positions, geometry.triangles, normals);
+    job.level->share(job.asset->map, normals);
+  }
+  normalise(normals);
+}
+
+/// A surface with normals of its own has those of its faces where vertices have several.
+void take_parted_normals(const RebuildJob& job) {
+  std::vector<float> normals;
+  make_face_normals(job, normals);
+  for (const std::size_t v : job.geometry->corners->origins(job.vertices()))
+    std::copy_n(&normals[3 * v], 3, &job.geometry->normals[3 * v]);
+}
+
 void finish(const RebuildJob& job) {
   const Asset& asset = *job.asset;
   SurfaceGeometry& geometry = *job.geometry;
@@ -67,18 +92,16 @@ void finish(const RebuildJob& job) {
     if (!geometry.normals.empty()) job.level->blend(asset.map, geometry.normals);
     normalise(geometry.normals);
     job.level->blend(asset.map, positions);
+    if (geometry.corners) take_parted_normals(job);
     return;
   }
   job.level->blend(asset.map, positions);
-  geometry.normals.resize(positions.size());
-  area_normals(positions, geometry.triangles, geometry.normals);
-  job.level->share(asset.map, geometry.normals);
-  normalise(geometry.normals);
+  make_face_normals(job, geometry.normals);
 }
 
 /// What a level without a new pose keeps: normals are compared, positions known.
 struct Kept {
-  std::vector<float> normals;
+  std::vector<float> normals, extra_normals;
   std::uint32_t vertices = 0;  ///< Leading ones whose positions stay.
 };
 
@@ -87,9 +110,11 @@ Kept take_kept(const RebuildJob& job) {
   if (job.first == 0) {
     geometry.position_blocks.clear();
     geometry.normal_blocks.clear();
+    geometry.extra_blocks.clear();
     return {};
   }
-  return {std::move(geometry.normals), std::min({job.first, geometry.unmorphed_first, job.level->whole()})};
+  return {std::move(geometry.normals), std::move(geometry.extra_normals),
+          std::min({job.first, geometry.unmorphed_first, job.level->whole()})};
 }
 
 std::size_t blocks_of(std::size_t count) {
@@ -144,6 +169,7 @@ SurfaceRebuilder::Cost CpuRebuilder::rebuild(std::span<const RebuildJob> jobs) {
     const std::uint64_t now = geometry.pose_version + 1;  // by SurfaceView::finish()
     mark_from(3 * std::size_t{kept[i].vertices}, geometry.positions.size(), now, geometry.position_blocks);
     mark_different(kept[i].normals, geometry.normals, now, geometry.normal_blocks);
+    mark_different(kept[i].extra_normals, geometry.extra_normals, now, geometry.extra_blocks);
   }
   return {multiplied - start, steady_now_us() - multiplied};
 }

@@ -10,6 +10,7 @@
 #include "common/asset/asset.h"
 #include "common/core/clock.h"
 #include "common/core/text.h"
+#include "common/reconstruction/corner_normals.h"
 #include "common/reconstruction/level_morph.h"
 #include "common/reconstruction/reconstruct.h"
 
@@ -26,6 +27,18 @@ void mark_from(std::size_t first, std::size_t count, std::uint64_t now, BlockVer
 void mark_different(std::span<const float> before, std::span<const float> values, std::uint64_t now,
                     BlockVersions& blocks);
 
+/// How faces are shaded: as the file's own normals have it, and where it has none by creases; smoothly but along edges
+/// that bend by crease_deg or more; all smoothly; each by itself.
+enum class Normals { kAuthored, kCrease, kSmooth, kFlat };
+inline constexpr int kNormalsKinds = 4;
+inline constexpr EnumNames<Normals, kNormalsKinds> kNormalsNames{{"authored", "crease", "smooth", "flat"}};
+
+struct Shading {
+  Normals normals = Normals::kAuthored;
+  float crease_deg = 40;
+  bool operator==(const Shading&) const = default;
+};
+
 /// A rebuilt surface to draw. Versions grow when their part changes. Positions and normals are empty where the GPU
 /// holds them (make_gpu_rebuilder()).
 struct SurfaceGeometry {
@@ -40,9 +53,13 @@ struct SurfaceGeometry {
 
   BlockVersions position_blocks, normal_blocks, radius_blocks, triangle_blocks;
 
-  std::vector<float> creases;        ///< crease_angles() of the rest pose, of all vertices; empty: smooth everywhere.
-  std::vector<float> own_normals;    ///< Asset::normals, likewise.
-  std::uint64_t crease_version = 0;  ///< For both.
+  /// Where vertices have several normals; null: nowhere.
+  std::shared_ptr<const CornerNormals> corners;
+  std::vector<std::uint32_t> corner_triangles;  ///< The triangles, by numbers of normals; empty without `corners`.
+  std::vector<float> extra_normals;             ///< Of corners->origins(N); pose_version is theirs, too.
+  BlockVersions extra_blocks;
+  const std::vector<std::uint32_t>& drawn_triangles() const { return corners ? corner_triangles : triangles; }
+
   bool is_point_cloud = false;
   bool is_solid = false;    ///< Its faces enclose a volume and look outwards: nothing is seen of their other side.
   float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.

@@ -42,11 +42,6 @@ std::string finish_shader(Scaling scaling, bool single) {
   return shader;
 }
 
-/// For the shader of meshes.
-float crease_from(const DrawStyle& style) {
-  return style.normals == Normals::kFlat ? -1 : style.normals == Normals::kSmooth ? 0 : style.crease_deg / 57.2957795F;
-}
-
 }  // namespace
 
 class Renderer::Impl {
@@ -149,8 +144,7 @@ class Renderer::Impl {
     if (std::exchange(ready, &program) == &program) return program;
     lighting_.light(program, camera);
     program.set("colour_table", 1);
-    program.set("crease_from", crease_from(options));
-    program.set("honour_own", options.normals == Normals::kAuthored ? 1 : 0);
+    program.set("by_face", options.normals == Normals::kFlat ? 1 : 0);
     program.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
     return program;
   }

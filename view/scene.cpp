@@ -122,6 +122,7 @@ bool Scene::advance(std::span<PoseSource* const> sources, TimeUs now_us) {
   for (Instance& instance : instances_) {
     PoseSource& source = *sources[instance.placement.source];
     instance.view.lod().set_fraction(lod_.fraction());
+    instance.view.set_shading(options_.shading);
     if (!instance.view.prepare(source, now_us)) continue;
     share_basis(instance.view);
     changed.push_back(&instance);

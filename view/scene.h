@@ -55,6 +55,7 @@ class Scene {
     for (Instance& instance : instances_) instance.view.set_paused(paused);
   }
   void set_playout(const PlayoutSettings& settings);
+  void set_shading(const Shading& shading) { options_.shading = shading; }
 
   /// The box around all rest poses, in the scene. Version 0: none yet.
   const SurfaceFacts& facts() const { return facts_; }

@@ -135,18 +135,15 @@ inline constexpr const char* kMeshVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 vertex_paint;
-layout(location = 5) in float crease;
-layout(location = 6) in float own_normals;  // Asset::normals
+layout(location = 6) in float own_normals;  // Asset::normals, of the browser's
 uniform mat4 scene_from_surface, clip_from_scene;
 uniform mat3 scene_from_normal;
-uniform float crease_from;  // radians: vertices of sharper edges have their faces' normals; 0: none, below: all
-uniform int honour_own;     // 1: the file's own normals decide instead, where there are any
+uniform int by_face;
 out vec3 at, scene_normal, painted;
 out float hard;
 void main() {
   painted = vertex_paint;
-  bool sharp = honour_own == 1 && own_normals > 0.5 ? own_normals > 1.5 : crease >= crease_from;
-  hard = crease_from < 0.0 || (crease_from > 0.0 && sharp) ? 1.0 : 0.0;
+  hard = by_face == 1 || own_normals > 1.5 ? 1.0 : 0.0;
   at = (scene_from_surface * vec4(position, 1.0)).xyz;
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   gl_Position = clip_from_scene * vec4(at, 1.0);

@@ -23,17 +23,9 @@ inline constexpr EnumNames<ColourMap, kColourMaps> kColourMapNames{{"viridis", "
 using ColourTable = std::array<std::array<std::uint8_t, 3>, 256>;
 ColourTable table_of(ColourMap map);
 
-/// How faces are shaded: as the file's own normals have it, and where it has none by creases; smoothly but along edges
-/// that bend by crease_deg or more; all smoothly; each by itself.
-enum class Normals { kAuthored, kCrease, kSmooth, kFlat };
-inline constexpr int kNormalsKinds = 4;
-inline constexpr EnumNames<Normals, kNormalsKinds> kNormalsNames{{"authored", "crease", "smooth", "flat"}};
-
-struct DrawStyle {
+struct DrawStyle : Shading {
   bool edges = false, wireframe = false, points = false, grid = true, axes = false;
   bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
-  Normals normals = Normals::kAuthored;
-  float crease_deg = 40;
   ColourMap colour_map = ColourMap::kViridis;  ///< For surfaces painted with numbers.
 };
 

@@ -82,7 +82,11 @@ void BandFade::apply(BandMask bands, TimeUs now_us, std::span<const std::uint32_
 }
 
 SurfaceView::SurfaceView(const SceneOptions& options)
-    : playout_(options.playout), wanted_playout_(options.playout), lod_(options.lod), morphs_(options.morph) {
+    : playout_(options.playout),
+      wanted_playout_(options.playout),
+      lod_(options.lod),
+      shading_(options.shading),
+      morphs_(options.morph) {
   static std::atomic<std::uint64_t> made{0};
   geometry_.maker = ++made;
 }
@@ -220,12 +224,15 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   const bool new_pose = choose_pose(source, now_us);
   const std::uint32_t had = geometry_.vertex_count();
   const bool new_level = change_level(*asset, N, now_us);
-  if (!new_pose && !new_level) return false;
+  if (!new_pose && !new_level && !reshades_) return false;
   if (asset->rows_ready > reconstructor_->tiles().rows()) reconstructor_->update(*asset);
   update_facts(source);
+  const auto parted = geometry_.corners;
+  if (std::exchange(reshades_, false)) part_normals(*asset);
+  follow_corners();
   level_changed_ |= new_level;
   if (new_level) ++level_version_;
-  const bool all = new_pose || has_detail_ != reconstructor_->has_detail();
+  const bool all = new_pose || has_detail_ != reconstructor_->has_detail() || parted != geometry_.corners;
   has_detail_ = reconstructor_->has_detail();
   first_to_rebuild_ = all ? 0 : std::min(had, morph_.drawn());
   rank_to_rebuild_ = std::min(asset->rank, std::max(1U, rank_in_use(coefficients_, channels_)));
@@ -238,11 +245,8 @@ bool SurfaceView::change_level(const Asset& asset, std::uint32_t N, TimeUs now_u
   if (jump) morph_.jump(N);
   const bool moved = morph_.advance(N, now_us, pace(asset, N)) || morph_.drawn() != before;
   const bool new_faces = triangles_.update(asset, geometry_.triangles);
+  reshades_ |= new_faces;
   triangles_.set_level(morph_.drawn(), geometry_.triangles);
-  if (geometry_.topology_version != triangles_.version()) {
-    geometry_.topology_version = triangles_.version();
-    geometry_.triangle_blocks = triangles_.block_versions();
-  }
   return moved || new_faces;
 }
 
@@ -318,13 +322,66 @@ void SurfaceView::include_motion(const PoseSource& source) {
   }
 }
 
+std::vector<float> SurfaceView::rest_positions(const Asset& asset) const {
+  std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
+  reconstructor_->rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
+  return rest;
+}
+
+void SurfaceView::part_normals(const Asset& asset) {
+  const bool had = geometry_.corners != nullptr;
+  geometry_.corners.reset();
+  const float angle = shading_.crease_deg / 57.2957795F;
+  const bool authored = shading_.normals == Normals::kAuthored,
+             wanted = authored || shading_.normals == Normals::kCrease;
+  std::vector<Parting> partings(wanted ? triangles_.map().size() : 0);
+  bool any = false;
+  for (std::size_t v = 0; v < partings.size(); ++v) {
+    const std::uint8_t own = authored && v < asset.normals.size() ? asset.normals[v] : 0;
+    const bool creased = own == 0 && v < creases_.size() && creases_[v] >= angle;
+    partings[v] = own == 2 ? Parting::kKnown : creased ? Parting::kByAngle : Parting::kNone;
+    any |= partings[v] != Parting::kNone;
+  }
+  if (any) {
+    const std::vector<float> rest = rest_positions(asset);
+    auto corners =
+        std::make_shared<CornerNormals>(CornerNormals::Whole{asset.vertex_count, asset.base_count, triangles_.map(),
+                                                             triangles_.faces(), triangles_.death(), rest},
+                                        partings, angle);
+    if (!corners->empty()) geometry_.corners = std::move(corners);
+  }
+  if (had || geometry_.corners) triangles_.mark_all();
+}
+
+/// Those of the blocks that have changed.
+void SurfaceView::follow_corners() {
+  if (geometry_.topology_version != triangles_.version()) {
+    geometry_.topology_version = triangles_.version();
+    geometry_.triangle_blocks = triangles_.block_versions();
+  }
+  if (!geometry_.corners) {
+    geometry_.corner_triangles.clear();
+    geometry_.extra_normals.clear();
+    return;
+  }
+  const std::uint64_t had = std::exchange(corner_version_, triangles_.version());
+  const std::vector<std::uint32_t>& triangles = geometry_.triangles;
+  geometry_.corner_triangles.resize(triangles.size());
+  for (std::size_t block = 0; block < geometry_.triangle_blocks.size(); ++block) {
+    if (geometry_.triangle_blocks[block] <= had) continue;
+    const std::size_t begin = block * LevelTriangles::kBlock,
+                      end = std::min(begin + LevelTriangles::kBlock, triangles.size());
+    for (std::size_t corner = begin; corner < end; ++corner)
+      geometry_.corner_triangles[corner] = geometry_.corners->at(corner, triangles[corner]);
+  }
+}
+
 void SurfaceView::update_facts(const PoseSource& source) {
   const Asset& asset = *source.asset();
   if (facts_rows_ == asset.rows_ready) return;
   facts_rows_ = asset.rows_ready;
   // The rest pose as rebuilt here: exact in every basis and for every part that has arrived.
-  std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
-  reconstructor_->rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
+  const std::vector<float> rest = rest_positions(asset);
   facts_.low = facts_.high = {rest[0], rest[1], rest[2]};
   facts_.outline.assign(kOutlineDirections.size(), facts_.low);
   for (std::size_t i = 0; i < rest.size(); i += 3) {
@@ -334,12 +391,10 @@ void SurfaceView::update_facts(const PoseSource& source) {
   }
   widen(facts_.outline, rest);
   include_motion(source);
-  geometry_.creases.clear();
+  creases_.clear();
   geometry_.is_solid = false;
   if (asset.complete() && asset.faces.size() <= kMaxCreasedFaces)
-    geometry_.creases = crease_angles(asset.faces, rest, &geometry_.is_solid);
-  geometry_.own_normals.assign(asset.normals.begin(), asset.normals.end());
-  ++geometry_.crease_version;
+    creases_ = crease_angles(asset.faces, rest, &geometry_.is_solid);
   facts_.up_axis = asset.up_axis;
   ++facts_.version;
   update_barycentre(asset);

@@ -82,6 +82,7 @@ struct SceneOptions {
   PlayoutSettings playout;
   double lod = 1;     ///< Upper bound, as a fraction of the vertices.
   bool morph = true;  ///< Whether levels morph (LevelMorph) or jump.
+  Shading shading{};
 };
 
 /// Turns the poses of a PoseSource into the surface to draw now; of an unchanged pose only new vertices are rebuilt.
@@ -123,6 +124,11 @@ class SurfaceView {
   const std::shared_ptr<Reconstructor>& shared_reconstructor() const { return reconstructor_; }
   const std::string& asset_id() const { return asset_id_; }
 
+  /// From the next prepare() on.
+  void set_shading(const Shading& shading) {
+    reshades_ |= shading != shading_;
+    shading_ = shading;
+  }
   /// An upper bound beside lod().
   void set_max_vertices(std::optional<std::uint32_t> N) { max_vertices_ = N; }
   /// Upper bound of the pixels per surface unit: MorphPace follows it. Infinite (default): unknown.
@@ -166,12 +172,19 @@ class SurfaceView {
   MorphPace pace(const Asset& asset, std::uint32_t N) const;
   void update_facts(const PoseSource& source);
   void include_motion(const PoseSource& source);
+  std::vector<float> rest_positions(const Asset& asset) const;
+  void part_normals(const Asset& asset);
+  void follow_corners();
 
   Playout playout_;
   PlayoutSettings wanted_playout_;
   LevelOfDetail lod_;
   SurfaceGeometry geometry_;
   SurfaceFacts facts_;
+  Shading shading_;
+  bool reshades_ = false;
+  std::vector<float> creases_;  ///< crease_angles() of the rest pose; empty: unknown.
+  std::uint64_t corner_version_ = 0;
   std::uint32_t epoch_ = 0;
   bool has_asset_ = false;
   std::string asset_id_;

@@ -4,8 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
+#include "tests/unit/view/cylinder.h"
+#include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
+#include "view/paint.h"
 
 namespace eigencast {
 namespace {
@@ -23,7 +27,7 @@ SurfaceGeometry cube() {
     g.triangles.insert(g.triangles.end(), {quad[0], quad[1], quad[2], quad[0], quad[2], quad[3]});
   }
   for (const float x : g.positions) g.normals.push_back((2 * x - 1) / std::sqrt(3.0F));
-  g.maker = g.pose_version = g.topology_version = g.crease_version = 1;
+  g.maker = g.pose_version = g.topology_version = 1;
   return g;
 }
 
@@ -71,48 +75,123 @@ TEST(Creases, SolidsAreClosedAndLookOutwards) {
   EXPECT_FALSE(is_solid({}));
 }
 
+/// The cube with the file's own normals; `own` of each vertex (Asset::normals).
+Asset cube_asset(std::uint8_t own) {
+  const SurfaceGeometry g = cube();
+  Asset asset;
+  asset.vertex_count = asset.rows_ready = asset.base_count = 8;
+  asset.rank = 4;
+  asset.band_ends = {4};
+  asset.area = 6;
+  asset.rest.assign(12, 0);
+  for (std::size_t d = 0; d < 3; ++d) asset.rest[3 * (d + 1) + d] = 1;
+  for (std::uint32_t i = 0; i < 8; ++i) {
+    asset.map.push_back(i);
+    asset.source_vertex.push_back(i);
+    asset.mass.push_back(0.75F);
+    asset.floats.insert(asset.floats.end(), {1, g.positions[3 * i], g.positions[3 * i + 1], g.positions[3 * i + 2]});
+  }
+  asset.faces = faces_of(g);
+  // Those of cube() look inwards.
+  for (Face& face : asset.faces) std::swap(face[0], face[1]);
+  asset.death.assign(asset.faces.size(), 0);
+  asset.face_total = asset.faces_ready = static_cast<std::uint32_t>(asset.faces.size());
+  asset.normals.assign(8, own);
+  return asset;
+}
+
 class CreasedPictures : public testing::OffscreenPictures {
  protected:
-  Picture draw(const SurfaceGeometry& geometry, Normals normals, float crease_deg = 40) {
+  Picture draw(std::uint8_t own, Normals normals, float crease_deg = 40) {
+    testing::FakeSource source(cube_asset(own));
+    SceneOptions scene;
+    scene.shading = {normals, crease_deg};
+    SurfaceView view(scene);
+    return drawn(view, source, scene.shading);
+  }
+  Picture drawn(SurfaceView& view, testing::FakeSource& source, const Shading& shading) {
+    view.receive(source, {});
+    view.set_shading(shading);
+    testing::advance(view, source, ++now_);
+    renderer_->upload(0, view.geometry());
     camera_.set_viewport(160, 120);
     camera_.set_view("iso");
     camera_.set_scene({0, 0, 0}, {1, 1, 1});
-    renderer_->upload(0, geometry);
     RenderOptions options;
-    options.normals = normals;
-    options.crease_deg = crease_deg;
+    options.normals = shading.normals;
     return renderer_->picture(camera_, options, 160, 120).value();
   }
+  TimeUs now_ = 0;
+  std::uint64_t paints_ = 0;
 };
 
+/// The same but for how the face's normal was found.
+constexpr double kSame = 0.05;
+
 TEST_F(CreasedPictures, SharpEdgesShowTheirFaces) {
-  SurfaceGeometry g = cube();
-  const Picture smooth = draw(g, Normals::kSmooth), flat = draw(g, Normals::kFlat);
+  const Picture smooth = draw(0, Normals::kSmooth), flat = draw(0, Normals::kFlat);
   EXPECT_GT(testing::mean_difference(smooth, flat), 1);
-  EXPECT_EQ(testing::mean_difference(draw(g, Normals::kCrease), smooth), 0) << "no angles are known";
-  g.creases = crease_angles(faces_of(g), g.positions);
-  ++g.crease_version;
-  EXPECT_EQ(testing::mean_difference(draw(g, Normals::kCrease), flat), 0);
-  EXPECT_EQ(testing::mean_difference(draw(g, Normals::kCrease, 100), smooth), 0) << "as a crease counts more";
-  EXPECT_EQ(testing::mean_difference(draw(g, Normals::kSmooth), smooth), 0);
+  EXPECT_LT(testing::mean_difference(draw(0, Normals::kCrease), flat), kSame);
+  EXPECT_EQ(testing::mean_difference(draw(0, Normals::kCrease, 100), smooth), 0) << "as a crease counts more";
 }
 
 TEST_F(CreasedPictures, OwnNormalsDecideWhereThereAreAny) {
-  SurfaceGeometry g = cube();
-  const Picture smooth = draw(g, Normals::kSmooth), flat = draw(g, Normals::kFlat);
-  const auto difference_with = [&](float own, Normals normals, const Picture& other) {
-    g.own_normals.assign(8, own);
-    ++g.crease_version;
-    return testing::mean_difference(draw(g, normals), other);
+  const Picture smooth = draw(0, Normals::kSmooth), flat = draw(0, Normals::kFlat);
+  const auto difference = [&](std::uint8_t own, Normals normals, const Picture& other) {
+    return testing::mean_difference(draw(own, normals), other);
   };
-  EXPECT_EQ(difference_with(2, Normals::kAuthored, flat), 0) << "hard, though no angles are known";
-  EXPECT_EQ(difference_with(2, Normals::kCrease, smooth), 0) << "not asked for";
-  EXPECT_EQ(difference_with(2, Normals::kSmooth, smooth), 0);
-  g.creases = crease_angles(faces_of(g), g.positions);
-  EXPECT_EQ(difference_with(1, Normals::kAuthored, smooth), 0) << "smooth, though at right angles";
-  EXPECT_EQ(difference_with(1, Normals::kCrease, flat), 0);
-  EXPECT_EQ(difference_with(1, Normals::kFlat, flat), 0);
-  EXPECT_EQ(difference_with(0, Normals::kAuthored, flat), 0) << "none: by the angles";
+  EXPECT_LT(difference(2, Normals::kAuthored, flat), kSame);
+  EXPECT_LT(testing::mean_difference(draw(2, Normals::kAuthored, 100), flat), kSame) << "whatever the angle";
+  EXPECT_EQ(difference(2, Normals::kSmooth, smooth), 0);
+  EXPECT_EQ(difference(1, Normals::kAuthored, smooth), 0) << "smooth, though at right angles";
+  EXPECT_LT(difference(1, Normals::kCrease, flat), kSame);
+  EXPECT_EQ(difference(1, Normals::kFlat, flat), 0);
+  EXPECT_LT(difference(0, Normals::kAuthored, flat), kSame) << "none: by the angles";
+}
+
+TEST_F(CreasedPictures, FollowTheWishWhileNothingElseChanges) {
+  testing::FakeSource source(cube_asset(0));
+  SurfaceView view;
+  const Picture creased = drawn(view, source, {});
+  EXPECT_EQ(view.geometry().extra_normals.size(), 3U * 16);
+  const Picture smooth = drawn(view, source, {Normals::kSmooth});
+  EXPECT_EQ(smooth.rgb, draw(0, Normals::kSmooth).rgb);
+  EXPECT_EQ(view.geometry().corners, nullptr);
+  EXPECT_EQ(drawn(view, source, {Normals::kCrease}).rgb, creased.rgb);
+  EXPECT_EQ(drawn(view, source, {Normals::kCrease, 100}).rgb, smooth.rgb);
+  EXPECT_FALSE(testing::advance(view, source, ++now_)) << "nothing is new";
+}
+
+/// What is uploaded in parts while levels change is what is uploaded at once.
+TEST_F(CreasedPictures, LevelsAreSentInParts) {
+  testing::FakeSource source(testing::cylinder_asset());
+  SurfaceView view;
+  const auto picture = [&](std::uint64_t maker) {
+    SurfaceGeometry geometry = view.geometry();
+    if (maker != 0) geometry.maker = maker;
+    renderer_->upload(0, geometry);
+    SurfacePaint paint;
+    paint.kind = SurfacePaint::Kind::kColour;
+    for (std::uint32_t i = 0; i < 3 * geometry.vertex_count(); ++i)
+      paint.values.push_back(static_cast<float>(i / 3 % 7) / 7);
+    paint.version = ++paints_;
+    renderer_->paint(0, paint);
+    frame(view.facts());
+    camera_.set_viewport(160, 120);
+    return renderer_->picture(camera_, {}, 160, 120).value();
+  };
+  int pictures = 0;
+  view.receive(source, {});
+  for (const double part : {1.0, 0.4, 0.8, 0.3, 1.0}) {
+    view.lod().set_fraction(part);
+    for (int i = 0; i < 30 && testing::advance(view, source, now_ += 16'667); ++i, ++pictures) {
+      const Picture in_parts = picture(0);
+      ASSERT_FALSE(view.geometry().extra_normals.empty());
+      ASSERT_EQ(in_parts.rgb, picture(std::numeric_limits<std::uint64_t>::max() - 7).rgb) << pictures;
+      ASSERT_EQ(picture(0).rgb, in_parts.rgb);
+    }
+  }
+  EXPECT_GT(pictures, 20);
 }
 
 }  // namespace

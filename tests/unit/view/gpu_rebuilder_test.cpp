@@ -17,6 +17,7 @@
 #include "sdk/bake.h"
 #include "tests/unit/reconstruction/coefficient_rounding.h"
 #include "tests/unit/view/baked_heart.h"
+#include "tests/unit/view/cylinder.h"
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
 #include "view/gl_surface.h"
@@ -59,16 +60,17 @@ std::vector<double> disturbed(const Asset& asset, unsigned seed) {
 
 /// What the GPU has rebuilt. Normals may be empty. REQUIRES: geometry.gpu.
 struct ReadBack {
-  std::vector<float> positions, normals;
+  std::vector<float> positions, normals, extra_normals;
 };
 ReadBack read_back(const SurfaceGeometry& geometry) {
   assert(geometry.gpu);
   const std::size_t N = geometry.gpu_vertices;
   std::vector<float> positions(4 * N);
   ReadBack back;
-  const auto get = [](const GlBuffer& buffer, std::vector<float>& values) {
+  const auto get = [](const GlBuffer& buffer, std::vector<float>& values, std::size_t from = 0) {
     glBindBuffer(GL_COPY_READ_BUFFER, buffer.id());
-    glGetBufferSubData(GL_COPY_READ_BUFFER, 0, static_cast<GLsizeiptr>(values.size() * sizeof(float)), values.data());
+    glGetBufferSubData(GL_COPY_READ_BUFFER, static_cast<GLintptr>(from * sizeof(float)),
+                       static_cast<GLsizeiptr>(values.size() * sizeof(float)), values.data());
   };
   get(geometry.gpu->drawn(), positions);
   for (std::size_t i = 0; i < N; ++i)
@@ -76,6 +78,16 @@ ReadBack read_back(const SurfaceGeometry& geometry) {
                           positions.begin() + 4 * static_cast<std::ptrdiff_t>(i) + 3);
   back.normals.resize(geometry.gpu->has_normals ? 3 * N : 0);
   if (!back.normals.empty()) get(geometry.gpu->normals, back.normals);
+  if (!geometry.corners) return back;
+  const std::uint32_t n = geometry.corners->vertices();
+  const auto origins = geometry.corners->origins(geometry.gpu_vertices);
+  std::vector<float> at(4 * origins.size());
+  get(geometry.gpu->drawn(), at, 4 * std::size_t{n});
+  for (std::size_t e = 0; e < origins.size(); ++e) {
+    for (std::size_t d = 0; d < 4; ++d) EXPECT_EQ(at[4 * e + d], positions[4 * origins[e] + d]) << "extra " << e;
+  }
+  back.extra_normals.resize(3 * origins.size());
+  get(geometry.gpu->normals, back.extra_normals, 3 * std::size_t{n});
   return back;
 }
 
@@ -167,6 +179,13 @@ class GpuRebuilders : public testing::OffscreenPictures {
     const ReadBack back = read_back(gpu);
     ASSERT_EQ(back.positions.size(), processor.positions.size());
     ASSERT_EQ(back.normals.size(), processor.normals.size());
+    EXPECT_EQ(gpu.corner_triangles, processor.corner_triangles);
+    ASSERT_EQ(back.extra_normals.size(), processor.extra_normals.size());
+    for (std::size_t i = 0; i < back.extra_normals.size(); i += 3) {
+      const float* a = &back.extra_normals[i];
+      const float* b = &processor.extra_normals[i];
+      ASSERT_LT(std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 0.1 * M_PI / 180) << "extra normal " << i / 3;
+    }
     const auto tolerance = tolerances();
     for (std::uint32_t i = 0; i < gpu.vertex_count(); ++i) {
       for (std::size_t d = 0; d < 3; ++d) {
@@ -265,6 +284,34 @@ TEST_F(GpuRebuilders, AgreeWhileLevelsMorph) {
     }
     EXPECT_GT(pictures, 30);
   }
+}
+
+TEST_F(GpuRebuilders, AgreeWhereVerticesHaveSeveralNormals) {
+  show(testing::cylinder_asset());
+  turn(1, 1'000'000);
+  expect_the_same();
+  EXPECT_EQ(view(*by_processor_).geometry().extra_normals.size(), 3U * 32);
+  int pictures = 0;
+  for (const double fraction : {0.4, 0.9, 0.3, 1.0}) {
+    for (int picture = 0; turn(fraction) && picture < 40; ++picture, ++pictures) {
+      if (picture == 3) pose(disturbed(source_->asset_, 7));
+      if (picture == 7) {
+        for (Scene* scene : {by_gpu_.get(), by_processor_.get()})
+          scene->set_shading({fraction == 0.9 ? Normals::kSmooth : Normals::kCrease, 30});
+      }
+      expect_the_same();
+      if (HasFatalFailure()) return;
+    }
+  }
+  EXPECT_GT(pictures, 30);
+  frame(view(*by_gpu_).facts());
+  camera_.set_viewport(200, 150);
+  std::vector<Picture> drawn;
+  for (const Scene* scene : {by_processor_.get(), by_gpu_.get()}) {
+    renderer_->upload(0, view(*scene).geometry());
+    drawn.push_back(renderer_->picture(camera_, {}, 200, 150).value());
+  }
+  EXPECT_LT(testing::mean_difference(drawn[0], drawn[1]), 0.01);
 }
 
 TEST_F(GpuRebuilders, AgreeForFewBandsAndPartialAssets) {

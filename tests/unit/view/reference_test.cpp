@@ -12,6 +12,7 @@
 
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
+#include "tests/unit/view/cylinder.h"
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
 #include "tests/unit/view/png.h"
@@ -203,32 +204,54 @@ class ReferencePictures : public OffscreenPictures {
   std::uint64_t version_ = 1000;
 };
 
-/// Run this test with EIGENCAST_REWRITE_PICTURES=1 to write the files anew, and look at them; with
+/// Run these tests with EIGENCAST_REWRITE_PICTURES=1 to write the files anew, and look at them; with
 /// EIGENCAST_TEST_PICTURES=FOLDER to see what differs.
-TEST_F(ReferencePictures, LookAsTheyDid) {
+void expect_as_before(const std::string& name, Picture picture) {
+  SCOPED_TRACE(name);
   const std::filesystem::path files = std::filesystem::path(golden_dir()) / "pictures";
   const char* const folder = std::getenv("EIGENCAST_TEST_PICTURES");
-  for (const Look& look : looks()) {
-    SCOPED_TRACE(look.name);
-    const std::string path = (files / (look.name + ".png")).string();
-    Picture picture = drawn(look);
-    if (std::getenv("EIGENCAST_REWRITE_PICTURES") != nullptr) {
-      round_off(picture);
-      std::filesystem::create_directories(files);
-      ASSERT_TRUE(write_png(path, picture));
-      continue;
-    }
-    if (folder != nullptr) {
-      ASSERT_TRUE(write_png(std::string(folder) + "/" + look.name + ".png", picture));
-    }
-    const auto reference = testing::read_png(path);
-    ASSERT_TRUE(reference) << reference.error().message;
-    ASSERT_EQ(reference->width, kPictureWidth);
-    ASSERT_EQ(reference->height, kPictureHeight);
-    const double difference = block_difference(picture, *reference);
-    EXPECT_LT(difference, kTolerance);
-    RecordProperty(look.name, std::to_string(difference));
+  const std::string path = (files / (name + ".png")).string();
+  if (std::getenv("EIGENCAST_REWRITE_PICTURES") != nullptr) {
+    round_off(picture);
+    std::filesystem::create_directories(files);
+    ASSERT_TRUE(write_png(path, picture));
+    return;
   }
+  if (folder != nullptr) {
+    ASSERT_TRUE(write_png(std::string(folder) + "/" + name + ".png", picture));
+  }
+  const auto reference = testing::read_png(path);
+  ASSERT_TRUE(reference) << reference.error().message;
+  ASSERT_EQ(reference->width, kPictureWidth);
+  ASSERT_EQ(reference->height, kPictureHeight);
+  const double difference = block_difference(picture, *reference);
+  EXPECT_LT(difference, kTolerance);
+  ::testing::Test::RecordProperty(name, std::to_string(difference));
+}
+
+TEST_F(ReferencePictures, LookAsTheyDid) {
+  for (const Look& look : looks()) expect_as_before(look.name, drawn(look));
+}
+
+TEST_F(ReferencePictures, SidesAreRoundAndCapsFlatAsTheFileSays) {
+  FakeSource source(testing::cylinder_asset());
+  SurfaceView view;
+  view.receive(source, {});
+  testing::advance(view, source, 0);
+  frame(view.facts());
+  const auto picture = [&](Normals normals) {
+    view.set_shading({normals});
+    testing::advance(view, source, 0);
+    renderer_->upload(0, view.geometry());
+    RenderOptions options;
+    options.normals = normals;
+    return renderer_->picture(camera_, options, kPictureWidth, kPictureHeight).value();
+  };
+  const Picture authored = picture(Normals::kAuthored);
+  expect_as_before("authored", authored);
+  for (const Normals other : {Normals::kSmooth, Normals::kFlat})
+    EXPECT_GT(block_difference(authored, picture(other)), 2 * kTolerance) << kNormalsNames[other];
+  EXPECT_EQ(block_difference(authored, picture(Normals::kCrease)), 0);
 }
 
 TEST_F(ReferencePictures, MutationsAreOutsideTheTolerance) {

@@ -101,7 +101,7 @@ export class Renderer {
     const isTextured = (surface: GlSurface): boolean => style.colour === 'textured' && !style.wireframe && surface.isTextured;
     for (const program of [this.#mesh, ...(surfaces.some(isTextured) ? [this.#textured] : [])]) {
       this.#lighting.light(program, camera);
-      program.set({ colour_table: 1, honour_own: 1, crease_from: 4 });  // Radians: no angle is one.
+      program.set({ colour_table: 1 });
     }
     // Only under lines: the slope term would let back faces shine through along the silhouette.
     if (style.edges || style.wireframe) gl.enable(gl.POLYGON_OFFSET_FILL);
