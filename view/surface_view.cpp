@@ -347,7 +347,7 @@ void SurfaceView::part_normals(const Asset& asset) {
     auto corners =
         std::make_shared<CornerNormals>(CornerNormals::Whole{asset.vertex_count, asset.base_count, triangles_.map(),
                                                              triangles_.faces(), triangles_.death(), rest},
-                                        partings, angle);
+                                        partings, std::cos(double{angle}));
     if (!corners->empty()) geometry_.corners = std::move(corners);
   }
   if (had || geometry_.corners) triangles_.mark_all();

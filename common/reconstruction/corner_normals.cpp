@@ -12,9 +12,8 @@
 namespace eigencast {
 namespace {
 
-constexpr double kHalfTurn = 3.14159265358979;
-/// Less than this bends no face that is known to differ from its neighbour: their normals' rounding does.
-constexpr double kLeastBend = 1e-3;
+/// Cosine: by less no face bends that is known to differ from its neighbour; their normals' rounding does.
+constexpr double kLeastBend = 1 - 5e-7;
 /// So many groups of a vertex are looked at for the most alike.
 constexpr std::ptrdiff_t kMaxSought = 64;
 constexpr std::uint32_t kNone = ~std::uint32_t{0};
@@ -40,29 +39,24 @@ Vector normal_of(const Corners& face, std::span<const float> rest) {
   return n;
 }
 
-/// A face's side at a vertex: towards this other end, where the face goes on or from where it comes.
-struct Side {
-  std::uint32_t end, corner;
-  bool onwards;
-};
-
-struct Joint {
-  std::uint32_t a, b;
-  double bend;
+/// An edge at a vertex, with the first two corners of the faces there.
+struct Edge {
+  std::uint32_t end, side, a, b, uses;
+  bool fits;  ///< The faces run the same way round.
 };
 
 }  // namespace
 
-CornerNormals::CornerNormals(const Whole& whole, std::span<const Parting> partings, float angle)
+CornerNormals::CornerNormals(const Whole& whole, std::span<const Parting> partings, double cosine)
     : vertices_(whole.vertices) {
-  group(whole, partings, angle);
+  group(whole, partings, cosine);
   if (empty())
     *this = {};
   else
     contract(whole);
 }
 
-void CornerNormals::group(const Whole& whole, std::span<const Parting> partings, float angle) {
+void CornerNormals::group(const Whole& whole, std::span<const Parting> partings, double cosine) {
   const auto rows = static_cast<std::uint32_t>(whole.map.size());
   const auto parting_of = [&](std::uint32_t v) { return v < partings.size() ? partings[v] : Parting::kNone; };
   std::vector<std::uint32_t> first(std::size_t{rows} + 2), corners;  // those of each vertex with a parting
@@ -81,41 +75,43 @@ void CornerNormals::group(const Whole& whole, std::span<const Parting> partings,
   }
   UnionFind groups(corners.size());
   std::vector<Vector> normals;
-  std::vector<Side> sides;
-  std::vector<Joint> joints;
-  std::vector<std::uint32_t> number(corners.size(), kNone);  // by a group's root
+  std::vector<Edge> edges;
+  std::vector<std::uint32_t> edge_to(rows, kNone), number(corners.size(), kNone);  // by a group's root
   parts_.resize(vertices_);
   for (std::uint32_t v = 0; v < rows; ++v) {
     const std::uint32_t begin = first[v], end = first[v + 1];
     if (begin == end) continue;
     normals.clear();
-    sides.clear();
-    joints.clear();
+    edges.clear();
     for (std::uint32_t i = begin; i < end; ++i) {
       const std::uint32_t face = corners[i] / 3, corner = corners[i] % 3;
       const Corners& ends = whole.faces[face];
       normals.push_back(normal_of(ends, whole.rest));
       if (dot(normals.back(), normals.back()) == 0) continue;
-      sides.push_back({ends[(corner + 1) % 3], i, true});
-      sides.push_back({ends[(corner + 2) % 3], i, false});
+      for (const std::uint32_t side : {1U, 2U}) {  // the face runs away from here, or comes
+        std::uint32_t& at = edge_to[ends[(corner + side) % 3]];
+        if (at == kNone) {
+          at = static_cast<std::uint32_t>(edges.size());
+          edges.push_back({ends[(corner + side) % 3], side, i, i, 1, false});
+          continue;
+        }
+        Edge& edge = edges[at];
+        edge.fits = ++edge.uses == 2 && edge.side != side;
+        edge.b = i;
+      }
     }
-    std::sort(sides.begin(), sides.end(),
-              [](const Side& a, const Side& b) { return a.end != b.end ? a.end < b.end : a.corner < b.corner; });
-    double sharpest = 0;
-    for (std::size_t i = 0, last = 0; i < sides.size(); i = last) {
-      while (last < sides.size() && sides[last].end == sides[i].end) ++last;
-      if (last - i < 2) continue;
-      const Side &a = sides[i], &b = sides[i + 1];
-      const bool fit = last - i == 2 && a.onwards != b.onwards;
-      const double bend =
-          fit ? std::acos(std::clamp(dot(normals[a.corner - begin], normals[b.corner - begin]), -1.0, 1.0)) : kHalfTurn;
-      sharpest = std::max(sharpest, bend);
-      if (fit) joints.push_back({a.corner, b.corner, bend});
+    const auto bend_of = [&](const Edge& edge) {
+      return edge.fits ? dot(normals[edge.a - begin], normals[edge.b - begin]) : -1;
+    };
+    double limit = cosine, sharpest = 1;
+    for (const Edge& edge : edges) {
+      edge_to[edge.end] = kNone;
+      if (edge.uses > 1) sharpest = std::min(sharpest, bend_of(edge));
     }
-    const double limit =
-        parting_of(v) == Parting::kKnown ? std::min(double{angle}, std::max(sharpest / 2, kLeastBend)) : double{angle};
-    for (const Joint& joint : joints) {
-      if (joint.bend < limit) groups.join(joint.a, joint.b);
+    if (parting_of(v) == Parting::kKnown)
+      limit = std::max(limit, std::min(std::sqrt(std::max(1 + sharpest, 0.0) / 2), kLeastBend));
+    for (const Edge& edge : edges) {
+      if (edge.fits && bend_of(edge) > limit) groups.join(edge.a, edge.b);
     }
     bool first_is_taken = false;
     for (std::uint32_t i = begin; i < end; ++i) {
@@ -175,11 +171,11 @@ void CornerNormals::contract(const Whole& whole) {
       }
       if (from != kNone && to != kNone && parents_[from] == kNone) parents_[from] = to;
     }
-    const auto [begin, end] = std::equal_range(origins_.begin(), origins_.end(), into);
+    const auto others = std::equal_range(origins_.begin(), origins_.end(), into);
     for_mine([&](std::uint32_t i) {
       if (parents_[i] != kNone) return;
       parents_[i] = into;
-      for (auto e = begin; e != end && end - begin <= kMaxSought; ++e) {
+      for (auto e = others.first; e != others.second && others.second - others.first <= kMaxSought; ++e) {
         const std::uint32_t other = vertices_ + static_cast<std::uint32_t>(e - origins_.begin());
         if (alike(i, other) > alike(i, parents_[i])) parents_[i] = other;
       }

@@ -33,11 +33,11 @@ class CornerNormals final {
   };
 
   CornerNormals() = default;
-  /// angle: radians. Two faces at an edge are in one group if they bend by less and run the same way round; an edge of
-  /// more faces parts them all, and faces without area have the vertex' first normal. O(k log k) for k faces at
-  /// vertices with a parting, O(n + F) for the rest.
+  /// Two faces at an edge are in one group if they bend by less and run the same way round; an edge of more faces parts
+  /// them all, and faces without area have the vertex' first normal. O(n + F).
   ///   partings  one for each row, or fewer: kNone
-  CornerNormals(const Whole& whole, std::span<const Parting> partings, float angle);
+  ///   cosine    of the angle
+  CornerNormals(const Whole& whole, std::span<const Parting> partings, double cosine);
 
   bool empty() const { return origins_.empty(); }
   std::uint32_t vertices() const { return vertices_; }
@@ -64,7 +64,7 @@ class CornerNormals final {
   void share(const LevelMorph& level, std::span<float> sums, std::span<float> extras) const;
 
  private:
-  void group(const Whole& whole, std::span<const Parting> partings, float angle);
+  void group(const Whole& whole, std::span<const Parting> partings, double cosine);
   void contract(const Whole& whole);
 
   std::uint32_t vertices_ = 0;

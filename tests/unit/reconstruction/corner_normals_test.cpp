@@ -14,7 +14,7 @@
 namespace eigencast {
 namespace {
 
-constexpr float k40Degrees = 0.6981317F;
+constexpr double kCosine = 0.766044443;  // of 40 degrees
 
 struct Mesh {
   std::vector<float> positions;
@@ -30,7 +30,7 @@ struct Mesh {
 CornerNormals grouped(const Mesh& mesh, Parting parting = Parting::kByAngle) {
   std::vector<std::uint32_t> map(mesh.vertices()), death(mesh.faces.size());
   const std::vector<Parting> partings(mesh.vertices(), parting);
-  return {{mesh.vertices(), mesh.vertices(), map, mesh.faces, death, mesh.positions}, partings, k40Degrees};
+  return {{mesh.vertices(), mesh.vertices(), map, mesh.faces, death, mesh.positions}, partings, kCosine};
 }
 
 /// The numbers of a vertex' normals.
@@ -235,7 +235,7 @@ struct Gutter {
     const std::vector<Parting> partings(mesh.vertices(), Parting::kByAngle);
     corners = {{mesh.vertices(), asset.base_count, levels.map(), levels.faces(), levels.death(), mesh.positions},
                partings,
-               k40Degrees};
+               kCosine};
   }
   std::vector<std::uint32_t> numbers() const {
     std::vector<std::uint32_t> all;
