@@ -9,7 +9,7 @@
 
 namespace eigencast {
 
-/// Of more faces no creases are sought: none is wider than a pixel there, and sorting their edges would show.
+/// Of more faces neither creases nor hard edges are sought: none is wider than a pixel there, and the time would show.
 inline constexpr std::size_t kMaxCreasedFaces = 1'000'000;
 
 /// For each vertex the largest angle in radians by which two faces bend away from one another along an edge that ends

@@ -332,8 +332,8 @@ void SurfaceView::part_normals(const Asset& asset) {
   const bool had = geometry_.corners != nullptr;
   geometry_.corners.reset();
   const float angle = shading_.crease_deg / 57.2957795F;
-  const bool authored = shading_.normals == Normals::kAuthored,
-             wanted = authored || shading_.normals == Normals::kCrease;
+  const bool authored = shading_.normals == Normals::kAuthored, few = triangles_.faces().size() <= kMaxCreasedFaces,
+             wanted = few && (authored || shading_.normals == Normals::kCrease);
   std::vector<Parting> partings(wanted ? triangles_.map().size() : 0);
   bool any = false;
   for (std::size_t v = 0; v < partings.size(); ++v) {
