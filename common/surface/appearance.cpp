@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
+#include <set>
 
 #include "common/core/text.h"
 
@@ -44,6 +45,17 @@ Result<void> check_image(const Appearance::Image& image) {
   if (!starts_with({0x89, 'P', 'N', 'G'}) && !starts_with({0xff, 0xd8, 0xff}))
     return fail(ErrorCode::kUnsupported, what + "is neither PNG nor JPEG");
   return {};
+}
+
+void note_other_images(Appearance& appearance) {
+  std::set<int> images;
+  for (std::size_t f = 0; f < appearance.face_material.size(); ++f) {
+    const Appearance::Material* material = material_of(appearance, f);
+    if (material != nullptr && material->image >= 0) images.insert(material->image);
+  }
+  if (images.size() > 1)
+    appearance.missing.push_back("of " + std::to_string(images.size()) +
+                                 " images the one that most faces have is used: the others' faces are drawn without");
 }
 
 float linear_from_srgb(float part) {

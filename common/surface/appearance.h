@@ -44,6 +44,9 @@ struct Appearance {
 Result<void> check_image(const Appearance::Image& image);
 inline constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
 
+/// Adds to `missing` where faces have several images: an asset has one.
+void note_other_images(Appearance& appearance);
+
 /// A file's name for a message: quoted, its control characters escaped, and at most 100 bytes of it.
 std::string quoted_name(std::string_view name);
 

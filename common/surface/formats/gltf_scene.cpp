@@ -367,6 +367,7 @@ class Builder {
       scene_.appearance.materials.push_back(std::move(mine));
     }
     find_missing();
+    note_other_images(scene_.appearance);
     return {};
   }
 

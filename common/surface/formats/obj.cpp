@@ -286,6 +286,7 @@ void add_obj_appearance(const ParsedMesh& mesh, const std::string& path, Appeara
     }
     appearance.materials.push_back(std::move(mine));
   }
+  note_other_images(appearance);
 }
 
 }  // namespace eigencast

@@ -152,6 +152,9 @@ TEST(Appearance, FilesOfObjThatCannotBeUsedAreNamed) {
   dir.write("skin.png", "\x89PNG");
   EXPECT_THAT(missing("mtllib m.mtl\n"), IsEmpty());
   EXPECT_THAT(missing("mtllib m.mtl\nmtllib gone.mtl\n"), IsEmpty()) << "every material was found";
+  dir.write("coat.png", "\x89PNG");
+  dir.write("two.mtl", "newmtl skin\nmap_Kd skin.png\nnewmtl again\nmap_Kd coat.png\n");
+  EXPECT_EQ(missing("mtllib two.mtl\n").size(), 1u) << "one image is drawn";
   dir.write("far.mtl", "newmtl skin\nmap_Kd " + outside.write("far.png", "\x89PNG") + "\nnewmtl again\n");
   EXPECT_THAT(missing("mtllib far.mtl\n"), ElementsAre(HasSubstr("below")));
   dir.write("evil.mtl", "newmtl skin\nmap_Kd \x1b[2J" + std::string(5000, 'x') + "\nnewmtl again\n");
