@@ -27,6 +27,10 @@ std::vector<Follower::Followed> Follower::take(Bytes message) {
     asked_us_.reset();
     newest_ = sequence;
     out.push_back(std::move(followed));
+    // One that another broker forged must not hold back all to come.
+    dropped_ += std::erase_if(kept_, [sequence](const Followed& kept) {
+      return kept.sequence > sequence && kept.sequence - sequence > kMaxKept;
+    });
     drain(out);
     return out;
   }

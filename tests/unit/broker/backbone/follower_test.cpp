@@ -71,6 +71,17 @@ TEST(Follower, GapNeedsJoin) {
   EXPECT_EQ(sequences(follower.take(join(3))), (Numbers{3, 4}));
 }
 
+TEST(Follower, AForgedKeyFarAheadCostsOneJoin) {
+  Follower follower(kEpoch);
+  (void)follower.take(join(1));
+  EXPECT_EQ(sequences(follower.take(key(std::uint64_t{1} << 63))), Numbers{});
+  EXPECT_EQ(sequences(follower.take(key(2))), Numbers{});
+  EXPECT_TRUE(follower.wants_join(0));
+  EXPECT_EQ(sequences(follower.take(join(3))), Numbers{3});
+  EXPECT_EQ(sequences(follower.take(key(4))), Numbers{4});
+  EXPECT_FALSE(follower.wants_join(1'000'000'000));
+}
+
 TEST(Follower, KeptBytesAreBounded) {
   Follower follower(kEpoch);
   for (std::uint64_t i = 1; i <= 20; ++i) {
