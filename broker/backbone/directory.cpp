@@ -32,7 +32,9 @@ std::string sender_of(const StreamHolder& holder, std::string_view salt) {
 }
 
 std::string payer_of(const DirectoryEntry& entry) {
-  return entry.sender.empty() ? "broker " + std::string(name_of_broker(entry.owner)) : "sender " + entry.sender;
+  const std::string broker(name_of_broker(entry.owner));
+  return entry.sender.empty() ? "broker " + broker
+                              : "sender " + broker + " " + entry.sender;  // No other's word counts.
 }
 
 std::string text_from_entry(const DirectoryEntry& entry) {
