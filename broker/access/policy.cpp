@@ -3,8 +3,10 @@
 
 #include <strings.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "common/core/text.h"
@@ -55,6 +57,14 @@ bool is_listed(const std::vector<std::string>& origins, std::string_view origin)
 bool is_same_host(std::string_view a, std::string_view b) {
   for (std::string_view* name : {&a, &b}) name->remove_suffix(name->ends_with('.') ? 1 : 0);
   return a.size() == b.size() && ::strncasecmp(a.data(), b.data(), a.size()) == 0;
+}
+
+/// The names of this machine: its own, and that of mDNS.
+std::vector<std::string> own_hosts() {
+  std::array<char, 256> name{};
+  if (::gethostname(name.data(), name.size() - 1) != 0 || name[0] == '\0') return {};
+  const std::string own(name.data());
+  return {own, own.substr(0, own.find('.')) + ".local"};
 }
 
 /// Equality of the origin with the Host header proves nothing: a foreign name can resolve to 127.0.0.1 (DNS rebinding).
@@ -166,6 +176,7 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
                                                  : Anonymous::kLoopback;
   policy->origins_ = config.access.origins;
   policy->hosts_ = config.access.hosts;
+  policy->own_hosts_ = own_hosts();
   policy->of_address_ = quota_from(config.per_address);
   policy->of_token_ = quota_from(config.per_token);
   policy->max_connections_ = config.limits.max_connections;
@@ -200,6 +211,15 @@ bool AccessPolicy::names_broker(std::string_view host) const {
   return name &&
          (name->empty() || is_same_host(*name, "localhost") || IpAddress::from_text(*name) ||
           std::any_of(hosts_.begin(), hosts_.end(), [&](const std::string& own) { return is_same_host(*name, own); }));
+}
+
+bool AccessPolicy::may_be_rebound(const AccessRequest& request) const {
+  // A page that came over TLS had the certificate of its name, and the browser does not let it speak plain HTTP.
+  if (!request.origin.starts_with("http://") || is_trusted_proxy(request.peer)) return false;
+  const auto name = host_of_authority(request.host);
+  const auto is_own = [&](const std::string& own) { return is_same_host(*name, own); };
+  return !names_broker(request.host) && !is_listed(origins_, request.origin) &&
+         !(name && std::any_of(own_hosts_.begin(), own_hosts_.end(), is_own));
 }
 
 bool AccessPolicy::is_direct(const AccessRequest& request) const {
@@ -303,7 +323,7 @@ bool AccessPolicy::is_local(const AccessRequest& request, bool listed_pages) con
 
 std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequest& request, Identity identity) const {
   const bool local = is_local(request, true);
-  if (anonymous_ == Anonymous::kNobody || (anonymous_ == Anonymous::kLoopback && !local)) {
+  if (anonymous_ == Anonymous::kNobody || (anonymous_ == Anonymous::kLoopback && !local) || may_be_rebound(request)) {
     std::string why = "this broker asks for a token";
     if (request.peer.is_loopback() && request.forwarded.any()) {
       why += " (the request came through a proxy, so it does not count as local)";

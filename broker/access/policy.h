@@ -117,6 +117,9 @@ class AccessPolicy {
   /// Whether `host` is an address, localhost, or listed in access.hosts. Any other name may be a foreign page's own,
   /// which its owner lets resolve to this machine (DNS rebinding).
   bool names_broker(std::string_view host) const;
+  /// Whether it may be a foreign page that reached this broker by a name of its own, as names_broker() says; the names
+  /// of this machine are known, too.
+  bool may_be_rebound(const AccessRequest& request) const;
   bool is_direct(const AccessRequest& request) const;
   bool is_own_page(const AccessRequest& request) const;  ///< Of the broker's host, or no page at all.
   std::variant<Identity, Denial> identify_token(std::string_view token, Identity identity, std::int64_t now_s) const;
@@ -129,7 +132,7 @@ class AccessPolicy {
   TokenFile static_tokens_;
   mutable TokenCache checked_;
   std::vector<std::string> origins_;
-  std::vector<std::string> hosts_;
+  std::vector<std::string> hosts_, own_hosts_;
   std::vector<IpRange> proxies_;
   ProxyHeader proxy_header_ = ProxyHeader::kXForwardedFor;
   std::vector<IpRange> monitors_;

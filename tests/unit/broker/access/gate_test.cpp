@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <cstdio>
@@ -565,6 +566,36 @@ TEST_F(GateTest, LocalBrowserOnForeignPageIsNotLocal) {
   request.host = "localhost:7490";
   request.origin = "http://localhost:7490";
   EXPECT_TRUE(let_in(request));
+}
+
+TEST_F(GateTest, ReboundPagesAreLetInNowhere) {
+  config_.access.anonymous = "anywhere";
+  config_.access.hosts = {"broker.lan"};
+  config_.access.origins = {"http://viewer.example"};
+  config_.proxy.trusted = {"10.0.0.1"};
+  auto page = request_from("10.1.2.3");
+  const auto opens = [&](const std::string& scheme, const std::string& host) {
+    page.host = host;
+    page.origin = scheme + host;
+    return std::holds_alternative<GrantPtr>(gate().admit(page, 0, kNow));
+  };
+  for (const char* peer : {"10.1.2.3", "127.0.0.1"}) {
+    page.peer = *IpAddress::from_text(peer);
+    EXPECT_FALSE(opens("http://", "evil.example:7490")) << peer;
+    EXPECT_THAT(turned_away(page).message, HasSubstr("access.hosts"));
+    EXPECT_FALSE(opens("http://", "evil.example/:7490")) << peer;
+    for (const char* own : {"10.9.9.9:7490", "[fd00::1]:7490", "localhost:7490", "broker.lan:7490", "viewer.example"})
+      EXPECT_TRUE(opens("http://", own)) << peer << own;
+    EXPECT_TRUE(opens("https://", "broker.example")) << "its certificate says so";
+    char name[256] = {};
+    ASSERT_EQ(::gethostname(name, sizeof name - 1), 0);
+    EXPECT_TRUE(opens("http://", std::string(name) + ":7490")) << name;
+  }
+  page.peer = *IpAddress::from_text("10.0.0.1");
+  EXPECT_TRUE(opens("http://", "broker.example")) << "the proxy knows its names";
+  auto program = request_from("10.1.2.3");
+  program.host = "broker.example:7490";
+  EXPECT_TRUE(let_in(program)) << "no page";
 }
 
 TEST_F(GateTest, AdminPortRequiresAdminRight) {
