@@ -256,12 +256,13 @@ void Broker::note_disk(const Result<void>& written) {
 
 void Broker::check_disk() {
   const bool keeps = !history_.kept || history_.kept->totals().failing == 0;
-  const bool fails = !reserved_ || !keeps;
+  const bool fails = !reserved_ || !keeps || assets_->fails();
   if (std::exchange(context().disk_fails, fails) == fails) return;
+  const std::string why = !reserved_ ? reserved_.error().message
+                          : !keeps   ? "the history takes no frames"
+                                     : "the folder of assets takes no files";
   log(context().log, fails ? LogLevel::kError : LogLevel::kInfo,
-      fails ? (keeps ? reserved_.error().message : "the history takes no frames") +
-                  "; senders go on, uploads and recordings fail"
-            : "the data folder takes files again");
+      fails ? why + "; senders go on, uploads and recordings fail" : "the data folder takes files again");
 }
 
 std::string Broker::status() const {

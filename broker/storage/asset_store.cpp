@@ -108,8 +108,8 @@ void AssetStore::load() {
     // A file from the future (after a clock step) counts as used now.
     const TimeUs used_us = now_us - std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
     const auto size = static_cast<std::uint64_t>(status.st_size);
-    found.emplace_back(
-        Entry{.size = size, .used_us = used_us, .touched_us = used_us, .content = Content::kUnread}, *id);
+    found.emplace_back(Entry{.size = size, .used_us = used_us, .touched_us = used_us, .content = Content::kUnread},
+                       *id);
   }
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first.used_us < b.first.used_us; });
   const std::lock_guard lock(mutex_);
@@ -225,7 +225,7 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   }
   FileHandle file(::open(path_of(id).c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
   if (file.get() < 0) {
-    if (errno == ENOENT) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
+    if (errno == ENOENT) return note_gone(id);
     return io_error("asset " + id.hex(), errno);
   }
   struct stat status = {};
@@ -237,6 +237,14 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   const bool is_segment =
       ::pread(file.get(), magic.data(), magic.size(), 0) == ssize_t{magic.size()} && magic == kSegmentMagic;
   return Object{std::move(file), static_cast<std::uint64_t>(status.st_size), is_segment};
+}
+
+/// Others removed its file: it is to be uploaded again.
+Error AssetStore::note_gone(const Sha256& id) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  if (found != entries_.end() && ::access(path_of(id).c_str(), F_OK) != 0) found->second.content = Content::kTorn;
+  return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
 }
 
 bool AssetStore::check(const Sha256& id, int file) const {
@@ -392,6 +400,9 @@ void AssetStore::note_uses() {
   }
   noted_us_ = now_us - period_us;
   remove_forgotten(now_us);
+  if (!fails_) return;
+  const std::string probe = temporary_path();
+  if (make_file(probe).get() >= 0) ::unlink(probe.c_str());
 }
 
 void AssetStore::note_users(const Sha256& id, const Users& users, TimeUs now_us) {
@@ -434,7 +445,7 @@ bool AssetStore::evict_oldest(const Holder& wanting) {
     erase(entry);
     ++evicted_;
   }
-  ::unlink(aside.c_str());  // Downloads in progress keep their open file.
+  ::unlink(aside.c_str());  // Downloads in progress end with a reset: each piece opens its asset.
   return true;
 }
 
@@ -470,6 +481,15 @@ std::string AssetStore::temporary_path() {
   return root_ + "/uploading/" + std::to_string(++temporaries_);
 }
 
+FileHandle AssetStore::make_file(const std::string& path) {
+  const auto make = [&] { return FileHandle(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644)); };
+  FileHandle file = make();
+  std::error_code ignored;
+  if (file.get() < 0 && errno == ENOENT && fs::create_directories(root_ + "/uploading", ignored)) file = make();
+  fails_ = file.get() < 0 && errno != EMFILE && errno != ENFILE;
+  return file;
+}
+
 Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id, std::string_view holder) {
   if (!make_writable()) {
     return fail(ErrorCode::kIo, "the broker's data folder takes no files: its operator finds the reason in its log");
@@ -477,7 +497,7 @@ Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha25
   std::unique_ptr<Upload> upload(new Upload(*this, id, holder));
   if (auto room = upload->grow(0); !room) return room.error();
   upload->path_ = temporary_path();
-  upload->file_ = FileHandle(::open(upload->path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
+  upload->file_ = make_file(upload->path_);
   if (upload->file_.get() < 0) return io_error("writing asset " + id.hex(), errno);
   return upload;
 }

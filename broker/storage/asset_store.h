@@ -124,6 +124,8 @@ class AssetStore final : public StreamTap {
   /// What streams may have begun to use since is not evicted as idle: call it every second, on one thread that nobody
   /// waits for.
   void note_uses();
+  /// No upload could begin a file, nor can any since.
+  bool fails() const { return fails_; }
 
   // Visible objects and uploads so far.
   std::uint64_t total_bytes() const { return total_bytes_; }  ///< As charged.
@@ -143,8 +145,8 @@ class AssetStore final : public StreamTap {
     Holder* holder = nullptr;
     bool is_durable = true;  ///< Found at the start, or synced.
     Content content = Content::kWhole;
-    std::string user{};      ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
-    TimeUs user_us = 0;      ///< When that was found.
+    std::string user{};  ///< Another holder whose stream uses it, the one that is charged least; empty: none known.
+    TimeUs user_us = 0;  ///< When that was found.
     std::list<Sha256>::iterator order{}, held{};  ///< In order_, and in the holder's.
   };
   struct Used {
@@ -186,9 +188,12 @@ class AssetStore final : public StreamTap {
   void erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry);  ///< REQUIRES: mutex_.
   /// Reads a file that nobody has read since the start. False: it is not what its name says.
   bool check(const Sha256& id, int file) const;
+  Error note_gone(const Sha256& id) const;
   /// Makes a verified file an object. False: it existed; counts as a use.
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size, Holder& holder);
   std::string temporary_path();  ///< In the folder that open() empties.
+  /// A new file there, in folders made anew where others removed them. Negative: errno says why.
+  FileHandle make_file(const std::string& path);
 
   std::string data_dir_, root_;
   Settings settings_;
@@ -207,6 +212,7 @@ class AssetStore final : public StreamTap {
   std::atomic<std::uint64_t> total_bytes_{0};
   std::atomic<std::uint64_t> objects_{0};
   std::atomic<std::uint64_t> temporaries_{0};  ///< Counter for file names.
+  std::atomic<bool> fails_{false};
 };
 
 }  // namespace eigencast::broker

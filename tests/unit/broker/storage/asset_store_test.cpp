@@ -468,6 +468,24 @@ TEST_F(AssetStoreTest, TornFileIsNoObjectAndAnUploadReplacesIt) {
   }
 }
 
+TEST_F(AssetStoreTest, RemovedFolderIsMadeAnew) {
+  open();
+  const Sha256 id = *put(kContent);
+  fs::remove_all(folder_ + "/assets");
+  EXPECT_EQ(store_->read(id).error().code, ErrorCode::kNotFound);
+  EXPECT_FALSE(store_->contains(id)) << "senders are to upload it again";
+  EXPECT_EQ(put(kContent), id);
+  EXPECT_EQ(store_->bytes_of(id).value(), kContent);
+  EXPECT_FALSE(store_->fails());
+  fs::remove_all(folder_ + "/assets");
+  std::ofstream(folder_ + "/assets") << "no folder";
+  EXPECT_FALSE(put(Bytes(8, 1)));
+  EXPECT_TRUE(store_->fails());
+  fs::remove(folder_ + "/assets");
+  store_->note_uses();
+  EXPECT_FALSE(store_->fails()) << "though nobody uploads";
+}
+
 TEST_F(AssetStoreTest, LinksAreNotFollowed) {
   open();
   const Sha256 id = *put(kContent);
