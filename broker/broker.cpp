@@ -363,7 +363,11 @@ void Broker::drain() {
       "stopping: " + std::to_string(websockets()) + " connections are asked to reconnect");
   service_manager::notify("STOPPING=1");
   data_listener_.close();
-  const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config().timeouts.shutdown_ms);
+  const std::chrono::milliseconds within(config().timeouts.shutdown_ms);
+  const auto until = std::chrono::steady_clock::now() + within * 3 / 4;  // The rest is for what is recorded.
+  const TimeUs end_us = steady_now_us() + std::chrono::microseconds(within).count();
+  recorder_.end_by(end_us);
+  if (history_.kept) history_.kept->end_by(end_us);
   if (member_) member_->stop();
   const auto spread_ms =
       static_cast<std::uint32_t>(std::clamp<std::uint64_t>(websockets() * 1000 / kReturnsPerSecond, 200, 30'000));

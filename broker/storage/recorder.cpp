@@ -14,10 +14,14 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::chrono::milliseconds kFlushEvery{200};
+constexpr TimeUs kFlushEveryUs = 200'000;
+constexpr TimeUs kRemoveUs = 50'000;  ///< At a time, while what comes waits.
 constexpr TimeUs kSyncEveryUs = 1'000'000;
 constexpr TimeUs kRecountEveryUs = 60'000'000;
-constexpr std::int64_t kItemBytes = 200;  ///< Approximate size of a queue entry without its payload.
+// Approximate sizes of a queue entry without its payload, and of what a session and a surface take.
+constexpr std::int64_t kItemBytes = 200, kSessionBytes = 1000, kScalarBytes = 200;
+constexpr std::int64_t kMaxBegun = 256;  ///< Files that are kept, in a second.
+constexpr std::int64_t kUnbounded = std::int64_t{1} << 62;
 
 }  // namespace
 
@@ -36,6 +40,11 @@ Recorder::~Recorder() {
   }
   stop_.notify_all();
   thread_.join();
+}
+
+void Recorder::end_by(TimeUs end_us) {
+  const std::lock_guard lock(mutex_);
+  end_us_ = end_us;
 }
 
 Recorder::SessionPtr Recorder::add(std::string_view stream, bool automatic) {
@@ -104,9 +113,11 @@ void Recorder::on_announced(const Stream& stream) {
     if (keeps(stream.name())) add(stream.name(), true);
     return;
   }
-  if (found != sessions_.end()) return announce(found->second, stream);
-  const bool wanted = settings_.streams.matches(stream.name());
-  if (wanted && used_up(stream.payer()) == nullptr) announce(add(stream.name(), true), stream);
+  if (found != sessions_.end()) {
+    announce(found->second, stream);
+  } else if (settings_.streams.matches(stream.name()) && used_up(stream.payer()) == nullptr) {
+    announce(add(stream.name(), true), stream);
+  }
 }
 
 bool Recorder::is_full(const Session& session, TimeUs arrival_us) const {
@@ -117,19 +128,34 @@ bool Recorder::is_full(const Session& session, TimeUs arrival_us) const {
          bytes >= std::min(kMaxPieceBytes, settings_.max_total_bytes / 16);
 }
 
-void Recorder::announce(const SessionPtr& session, const Stream& stream, TimeUs first_us) {
-  session->announced = session->wants_checkpoint = true;
-  session->memory = stream.memory() ? stream.memory()->number : 0;
+bool Recorder::announce(const SessionPtr& session, const Stream& stream, TimeUs first_us) {
+  if (!session->begun) session->payer = stream.payer();
   const std::size_t segments = stream.memory() ? stream.memory()->segments.size() : 0;
-  // Ignores the bound, not its count: keys behind it are dropped before. The file is unreadable without it.
-  push({.kind = Item::Kind::kAnnounce,
-        .session = session,
-        .arrival_us = first_us,
-        .announced = stream.announcement(),
-        .memory = stream.memory(),
-        .layout = stream.layout(),
-        .holder = stream.payer(),
-        .bytes = kItemBytes * static_cast<std::int64_t>(1 + segments)});
+  const auto bytes = kSessionBytes + kItemBytes * static_cast<std::int64_t>(1 + segments) +
+                     kScalarBytes * std::ssize(stream.announcement().format.scalars);
+  Item item{.kind = Item::Kind::kAnnounce, .session = session, .arrival_us = first_us};
+  item.begins = std::make_unique<const Item::Surface>(
+      Item::Surface{stream.announcement(), stream.memory(), stream.layout(), stream.payer()});
+  session->announced = push(std::move(item), bytes, settings_.max_queued_bytes);
+  if (!session->announced) return false;
+  session->begun = session->wants_checkpoint = true;
+  session->memory = stream.memory() ? stream.memory()->number : 0;
+  return true;
+}
+
+/// Counts them: one costs the folder, and viewers, more than its keys.
+bool Recorder::may_begin(const std::string& holder, TimeUs now_us) {
+  if (settings_.keep_us == 0) return true;
+  if (now_us < second_us_ || now_us - second_us_ >= 1'000'000) {
+    second_us_ = now_us;
+    begun_.clear();
+    all_begun_ = 0;
+  }
+  std::int64_t& own = begun_[holder];
+  if (own >= share_of(kMaxBegun, all_begun_, own, holder.empty())) return false;
+  ++own;
+  ++all_begun_;
+  return true;
 }
 
 void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
@@ -137,7 +163,7 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   const std::lock_guard lock(mutex_);
   auto found = sessions_.find(stream.name());
   if (found == sessions_.end()) return;
-  if (is_full(*found->second, record->arrival_us)) {
+  if (is_full(*found->second, record->arrival_us) && may_begin(stream.payer(), record->arrival_us)) {
     found->second->goes_on = true;
     end(found->second);
     add(stream.name(), true)->follows = true;
@@ -145,42 +171,36 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   }
   Session& session = *found->second;
   if (session.failed || steady_now_us() < session.resume_us) return;
-  if (!session.announced) {
-    session.begun_us = record->arrival_us;
-    announce(found->second, stream, record->arrival_us);
-  }
-  const bool recalls_more = record->generation > session.memory;
-  const bool gap = session.wants_checkpoint || recalls_more;
-  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= settings_.checkpoint_us ||
-                          ++session.keys >= settings_.checkpoint_keys;
-  const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
-  const std::int64_t bytes = kItemBytes + static_cast<std::int64_t>(held);
-  const auto mine = queued_.find(stream.payer());
-  const std::int64_t own = mine == queued_.end() ? 0 : mine->second;
-  if (own + bytes > share_of(settings_.max_queued_bytes, totals_.queued_bytes, own)) {
+  const auto drop = [&] {
     ++session.dropped;
     ++session.info.dropped;
     ++totals_.dropped;
     session.wants_checkpoint = true;
-    return;
+  };
+  if (!session.begun) {
+    if (!session.follows && !may_begin(stream.payer(), record->arrival_us)) return drop();
+    session.begun_us = record->arrival_us;
   }
-  if (recalls_more) announce(found->second, stream);
-  session.wants_checkpoint = false;
-  KeyRecord state;
+  const bool tells = !session.announced || record->generation > session.memory;
+  if (tells && !announce(found->second, stream, record->arrival_us)) return drop();
+  const bool gap = session.wants_checkpoint;
+  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= settings_.checkpoint_us ||
+                          ++session.keys >= settings_.checkpoint_keys;
+  const std::size_t held = record->payload.size() + (checkpoint ? memory_of(*record->after) : 0);
+  const std::int64_t bytes = kItemBytes + static_cast<std::int64_t>(held);
+  Item item{.session = found->second, .arrival_us = record->arrival_us, .dropped = session.dropped};
+  if (!gap) item.frame = record->frame();
   if (checkpoint) {
-    session.checkpoint_us = record->arrival_us;
-    session.keys = 0;
-    state.sequence = record->sequence;
-    state.capture_us = record->capture_us;
-    state.after = record->after;
+    item.state.sequence = record->sequence;
+    item.state.capture_us = record->capture_us;
+    item.state.after = record->after;
   }
-  push({.session = found->second,
-        .arrival_us = record->arrival_us,
-        .frame = gap ? Bytes() : record->frame(),
-        .state = std::move(state),
-        .dropped = std::exchange(session.dropped, 0),
-        .holder = stream.payer(),
-        .bytes = bytes});
+  if (!push(std::move(item), bytes, settings_.max_queued_bytes)) return drop();
+  session.wants_checkpoint = false;
+  session.dropped = 0;
+  if (!checkpoint) return;
+  session.checkpoint_us = record->arrival_us;
+  session.keys = 0;
 }
 
 void Recorder::on_stalled(const Stream& stream) {
@@ -190,14 +210,16 @@ void Recorder::on_stalled(const Stream& stream) {
   if (found != sessions_.end() && found->second->automatic) end(found->second);
 }
 
-void Recorder::push(Item item) {
-  totals_.queued_bytes += item.bytes;
-  queued_[item.holder] += item.bytes;
-  queue_.push_back(std::move(item));
+bool Recorder::push(Item item, std::int64_t bytes, std::int64_t max_bytes) {
+  const std::string payer = item.session->payer;
+  if (!queue_.push(payer, bytes, std::move(item), max_bytes)) return false;
+  totals_.queued_bytes += bytes;
+  return true;
 }
 
 void Recorder::end(const SessionPtr& session) {
-  push({.kind = Item::Kind::kEnd, .session = session});
+  const bool nothing = session->automatic && !session->begun && !session->follows;
+  if (!nothing) push({.kind = Item::Kind::kEnd, .session = session}, kSessionBytes, kUnbounded);
   sessions_.erase(session->stream);
   active_ = totals_.active = sessions_.size();
 }
@@ -209,33 +231,56 @@ void Recorder::run() {
     log(log_, LogLevel::kError, std::string("looking through the recordings failed: ") + exception.what());
   }
   TimeUs synced_us = steady_now_us(), counted_us = synced_us;
-  for (bool last = false; !last;) {
-    std::deque<Item> items;
-    {
+  for (bool behind = false;;) {
+    TimeUs until_us = 0;
+    const bool last = [&] {
       std::unique_lock lock(mutex_);
-      stop_.wait_for(lock, kFlushEvery, [this] { return stopping_; });
-      items.swap(queue_);
-      last = stopping_;
-    }
-    for (; !items.empty(); items.pop_front()) {
-      Item& item = items.front();
-      try {
-        work(item);
-      } catch (const std::exception& exception) {
-        fail_session(*item.session, fail(ErrorCode::kIo, exception.what()));
-      }
-      const std::lock_guard lock(mutex_);
-      totals_.queued_bytes -= item.bytes;
-      if ((queued_[item.holder] -= item.bytes) == 0) queued_.erase(item.holder);
-    }
+      if (!behind) stop_.wait_for(lock, std::chrono::microseconds(kFlushEveryUs), [this] { return stopping_; });
+      until_us = stopping_ ? end_us_ : steady_now_us() + kFlushEveryUs;
+      return stopping_;
+    }();
+    behind = !work_until(until_us);
     const bool sync = last || steady_now_us() - synced_us >= kSyncEveryUs;
     if (sync) synced_us = steady_now_us();
     flush_all(sync);
-    remove_oldest();
+    if (last) return leave_rest();
+    behind |= !remove_oldest(steady_now_us() + kRemoveUs);
     if (steady_now_us() - counted_us < kRecountEveryUs) continue;
     counted_us = steady_now_us();
     recount();
   }
+}
+
+/// Whether nothing waits any more.
+bool Recorder::work_until(TimeUs until_us) {
+  for (std::int64_t done = 0;;) {
+    Item item;
+    {
+      const std::lock_guard lock(mutex_);
+      totals_.queued_bytes -= std::exchange(done, 0);
+      if (queue_.empty()) return true;
+      if (steady_now_us() >= until_us) return false;
+      auto next = queue_.pop();
+      item = std::move(next.item);
+      done = next.cost;
+    }
+    try {
+      work(item);
+    } catch (const std::exception& exception) {
+      fail_session(*item.session, fail(ErrorCode::kIo, exception.what()));
+    }
+  }
+}
+
+void Recorder::leave_rest() {
+  const std::lock_guard lock(mutex_);
+  std::uint64_t frames = 0;
+  while (!queue_.empty()) frames += queue_.pop().item.kind == Item::Kind::kKey ? 1 : 0;
+  totals_.dropped += frames;
+  if (frames == 0) return;
+  log(log_, LogLevel::kWarning,
+      std::to_string(frames) + " frames are not in " + settings_.folder +
+          ": the broker stopped before the disk had taken them");
 }
 
 }  // namespace eigencast::broker

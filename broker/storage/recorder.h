@@ -5,6 +5,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -16,6 +17,7 @@
 #include "broker/access/patterns.h"
 #include "broker/relay/stream.h"
 #include "broker/storage/asset_store.h"
+#include "common/core/fair_queue.h"
 #include "common/core/log.h"
 #include "common/core/text.h"
 
@@ -37,9 +39,11 @@ inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting",
 /// Records streams into files (docs/recording-format.md), one file each, on its own thread. Where it keeps the last of
 /// them only, its files are short, the oldest go, and the store keeps the assets that they need.
 /// Keys beyond the bound of the queue, or their holder's share_of() it, are dropped, counted, logged and bridged by a
-/// checkpoint: recording never delays a frame. If the disk fails or is full, or a quota is used up, the recording ends
-/// and streaming continues. Files of earlier runs count towards the quota of all; those kept towards their holder's, of
-/// whom their names have a hash, others towards nobody's. Thread-safe.
+/// checkpoint: recording never delays a frame; announcements of surfaces wait for a key that is not. Holders have fair
+/// turns of the thread, and shares of the files that begin in a second where they are kept. If the disk fails or is
+/// full, or a quota is used up, the recording ends and streaming continues. Files of earlier runs count towards the
+/// quota of all; those kept towards their holder's, of whom their names have a hash, others towards nobody's.
+/// Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {
@@ -77,6 +81,9 @@ class Recorder final : public StreamTap {
   Recorder(Settings settings, AssetStore& assets, LogSink log);
   ~Recorder() override;  ///< Finishes all recordings.
 
+  /// The end comes soon: what is not written by then, on the steady clock, is left out, counted and logged.
+  void end_by(TimeUs end_us);
+
   /// Records `stream` from its next key; the stream may not exist yet. REQUIRES: check_stream_name passed.
   /// Errors: kRefused (it is being recorded), kTooLarge (quota used up).
   Result<void> start(std::string_view stream);
@@ -109,16 +116,21 @@ class Recorder final : public StreamTap {
   using SessionPtr = std::shared_ptr<Session>;
 
   SessionPtr add(std::string_view stream, bool automatic);
-  void push(Item item);
+  /// False: it has its holder's share of the queue already.
+  bool push(Item item, std::int64_t bytes, std::int64_t max_bytes);
+  /// Likewise.
   /// first_us  arrival of the session's first key, where it is announced with that
-  void announce(const SessionPtr& session, const Stream& stream, TimeUs first_us = 0);
+  bool announce(const SessionPtr& session, const Stream& stream, TimeUs first_us = 0);
+  bool may_begin(const std::string& holder, TimeUs now_us);
   bool is_full(const Session& session, TimeUs arrival_us) const;
   void end(const SessionPtr& session);
   void run();
+  bool work_until(TimeUs until_us);
+  void leave_rest();
   void repair();
   void restore(const std::string& path);
   void keep(Session& session, const Item& announced, const std::string& path);
-  void remove_oldest();
+  bool remove_oldest(TimeUs until_us);
   void remove(const Kept& gone);
   std::vector<std::string> streams_to_shorten(TimeUs now_us) const;
   void pin(const std::string& asset, int files, const std::string& holder = {});
@@ -154,12 +166,15 @@ class Recorder final : public StreamTap {
   // GUARDED_BY(mutex_), all that follows.
   std::condition_variable stop_;
   std::map<std::string, SessionPtr, std::less<>> sessions_;
-  std::deque<Item> queue_;
-  std::map<std::string, std::int64_t> queued_;  ///< Bytes of it, by holder.
+  FairQueue<Item> queue_;                      ///< Costs are bytes.
+  TimeUs second_us_ = 0;                       ///< Since then,
+  std::map<std::string, std::int64_t> begun_;  ///< so many files have begun, by holder,
+  std::int64_t all_begun_ = 0;                 ///< and in all.
   std::deque<RecordingInfo> ended_;
   Totals totals_;
   std::map<std::string, std::uint64_t> holders_;  ///< What their recordings are charged.
   bool stopping_ = false;
+  TimeUs end_us_ = std::numeric_limits<TimeUs>::max();
 
   /// Not on the loop for each key, as many names take long to look through; locked behind mutex_.
   mutable std::mutex kept_mutex_;

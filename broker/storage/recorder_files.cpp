@@ -89,11 +89,11 @@ void Recorder::restore(const std::string& path) {
 void Recorder::keep(Session& session, const Item& announced, const std::string& path) {
   auto kept = std::make_shared<Kept>();
   kept->file = path;
-  kept->asset = announced.announced.asset;
+  kept->asset = announced.begins->announced.asset;
   kept->holder = session.holder;
   kept->growing = true;
   kept->from_us = kept->to_us = session.start_unix_us;
-  pin(kept->asset, 1, announced.holder);
+  pin(kept->asset, 1, announced.begins->holder);
   const bool follows = [&] {
     const std::lock_guard lock(mutex_);
     return session.follows;
@@ -117,13 +117,14 @@ void Recorder::pin(const std::string& asset, int files, const std::string& holde
   assets_.set_used(user, after == 0 ? std::nullopt : Sha256::from_hex(asset), holder);
 }
 
-void Recorder::remove_oldest() {
-  if (settings_.keep_us == 0) return;
+/// Whether it got through by then.
+bool Recorder::remove_oldest(TimeUs until_us) {
+  if (settings_.keep_us == 0) return true;
   for (; !ahead_.empty() && totals().stored_bytes >= settings_.max_total_bytes; ahead_.pop_back())
     remove(*ahead_.back());
-  for (;;) {
+  do {
     const auto streams = streams_to_shorten(unix_from_steady(steady_now_us()));
-    if (streams.empty()) return;
+    if (streams.empty()) return true;
     for (const std::string& stream : streams) {
       KeptPtr gone;
       {
@@ -135,7 +136,8 @@ void Recorder::remove_oldest() {
       }
       remove(*gone);
     }
-  }
+  } while (steady_now_us() < until_us);
+  return false;
 }
 
 void Recorder::remove(const Kept& gone) {

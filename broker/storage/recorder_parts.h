@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -37,7 +38,9 @@ struct Recorder::Session {
   bool automatic = false;  ///< Started by a pattern: ends with the sender.
 
   // GUARDED_BY(Recorder::mutex_).
-  bool announced = false;
+  std::string payer;       ///< Of the turns and the queue.
+  bool begun = false;      ///< The thread has it, or will.
+  bool announced = false;  ///< The present surface, too.
   bool wants_checkpoint = true;
   std::uint32_t memory = 0;  ///< The generation that the file has.
   TimeUs checkpoint_us = 0;
@@ -67,15 +70,17 @@ struct Recorder::Session {
 struct Recorder::Item {
   enum class Kind { kAnnounce, kKey, kEnd } kind = Kind::kKey;
   SessionPtr session{};
-  TimeUs arrival_us = 0;          ///< kAnnounce: of the first key, or 0.
-  Bytes frame{};                  ///< kKey. Empty: the checkpoint bridges it.
-  KeyRecord state{};              ///< kKey, for a checkpoint: without payload. Without `after`: none is due.
-  std::uint64_t dropped = 0;      ///< Keys dropped before this one.
-  control::Announce announced{};  ///< kAnnounce
-  GenerationPtr memory{};         ///< Likewise; null: none.
-  CoefficientLayout layout{};
-  std::string holder{};
-  std::int64_t bytes = 0;
+  TimeUs arrival_us = 0;      ///< kAnnounce: of the first key, or 0.
+  Bytes frame{};              ///< kKey. Empty: the checkpoint bridges it.
+  KeyRecord state{};          ///< kKey, for a checkpoint: without payload. Without `after`: none is due.
+  std::uint64_t dropped = 0;  ///< Keys dropped before this one.
+  struct Surface {
+    control::Announce announced;
+    GenerationPtr memory;  ///< Null: none.
+    CoefficientLayout layout;
+    std::string holder;
+  };
+  std::unique_ptr<const Surface> begins{};  ///< kAnnounce
 };
 
 }  // namespace eigencast::broker

@@ -13,6 +13,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kEndedKept = 100;
+constexpr int kMaxNames = 1000;  ///< Of files of a stream that begin in a second.
 
 /// "lab/horse" becomes "lab~horse.20260101T120000Z": stream names have no '~'.
 std::string file_stem(std::string_view stream) {
@@ -32,12 +33,12 @@ void Recorder::work(Item& item) {
   Session& session = *item.session;
   switch (item.kind) {
     case Item::Kind::kAnnounce:
-      session.layout = item.layout;
-      session.asset = item.announced.asset;
+      session.layout = item.begins->layout;
+      session.asset = item.begins->announced.asset;
       if (session.writer) note(session);
-      session.holder = item.holder;
-      if (settings_.keep_us > 0 && !item.holder.empty()) {
-        session.holder = sha256(item.holder).hex().substr(0, kHolderDigits);
+      session.holder = item.begins->holder;
+      if (settings_.keep_us > 0 && !session.holder.empty()) {
+        session.holder = sha256(session.holder).hex().substr(0, kHolderDigits);
       }
       if (!session.writer) open(session, item);
       if (!session.writer) return;
@@ -93,7 +94,7 @@ void Recorder::open(Session& session, const Item& announced) {
     const std::string path = stem + (number == 1 ? "" : "-" + std::to_string(number)) + std::string(kRecordingSuffix);
     auto made = recording::Writer::create(
         path, {session.stream, settings_.software, static_cast<std::uint64_t>(session.start_unix_us)});
-    if (!made && made.error().code == ErrorCode::kRefused && number < 100) continue;
+    if (!made && made.error().code == ErrorCode::kRefused && number < kMaxNames) continue;
     if (!made) return fail_session(session, made.error());
     session.writer = std::move(*made);
     const std::lock_guard lock(mutex_);
@@ -107,14 +108,14 @@ void Recorder::open(Session& session, const Item& announced) {
 /// With the memory that keys after it need. What is no longer written ends the session.
 void Recorder::write_announcement(Session& session, const Item& item) {
   Bytes ids;
-  if (item.memory) {
-    for (const Generation::Segment& segment : item.memory->segments) {
+  if (const GenerationPtr& memory = item.begins->memory) {
+    for (const Generation::Segment& segment : memory->segments) {
       const Sha256 id = *Sha256::from_hex(segment.id);  // It was checked before it was remembered.
       if (!write_object(session, id, *segment.coded)) return;
       ids.insert(ids.end(), id.digest.begin(), id.digest.end());
     }
   }
-  (void)session.writer->announce(session.writer->duration_us(), text_from_control(item.announced), ids);
+  (void)session.writer->announce(session.writer->duration_us(), text_from_control(item.begins->announced), ids);
   if (settings_.include_asset) write_asset(session);
 }
 

@@ -352,6 +352,26 @@ TEST_F(HistoryTest, ASenderThatBeginsAgainAndAgainLeavesFewFiles) {
   EXPECT_GE(work_us, 0.1 * 250) << "who asks pays for what is looked at";
 }
 
+TEST_F(HistoryTest, AnnouncementsAgainAndAgainBeginFewFilesASecond) {
+  start(kMinute);
+  for (int i = 0; i < 3000; ++i) {  // Two seconds, as the stream knows them.
+    announce();
+    if (i % 3 > 0) send(1, 1000);
+  }
+  const auto stormy_us = now_us_;
+  ASSERT_TRUE(eventually([&] { return history_->kept->totals().queued_bytes == 0; }));
+  EXPECT_LE(files(), 3 * 256U);
+  EXPECT_EQ(history_->kept->totals().failed, 0U) << "each has found a name";
+  EXPECT_GT(history_->kept->totals().dropped, 1000U) << "and what was left out is counted";
+  now_us_ += kSecond;
+  send(30);
+  ASSERT_TRUE(eventually([&] { return pieces().back().to_us >= at(now_us_ - kSecond / 30); })) << "then it goes on";
+  PastReader reader(*history_->kept, "lab/horse", free_);
+  const auto found = reader.seek({"lab/horse", at(stormy_us + kSecond), false, 0}, 1);
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_EQ(found->poses.size(), 1U);
+}
+
 TEST_F(HistoryTest, AHolderBeyondItsShareLosesItsOwn) {
   settings_.max_total_bytes = 2 << 20;
   two_holders();

@@ -341,6 +341,48 @@ TEST_F(RecorderTest, QueueHasRoomForOthers) {
   EXPECT_GT(recorder_->totals().dropped, 19u);
 }
 
+TEST_F(RecorderTest, AnnouncementsCountTowardsTheQueue) {
+  settings_.streams = StreamPatterns::from(std::vector<std::string>{"**"}).value();
+  settings_.max_queued_bytes = 100'000;
+  start();
+  for (int i = 0; i < 2000; ++i) {
+    announce();
+    ASSERT_LE(recorder_->totals().queued_bytes, settings_.max_queued_bytes);
+  }
+  ASSERT_TRUE(eventually([&] { return recorder_->totals().queued_bytes == 0; }));
+  asset_ = std::string(64, 'b');
+  announce();
+  send(5);
+  end();
+  auto reader = recording::Reader::open(files().at(0));
+  ASSERT_TRUE(reader);
+  ASSERT_TRUE(reader->seek(reader->info().duration_us));
+  const auto record = reader->next();
+  ASSERT_TRUE(record && *record);
+  const std::string last((**record).body.begin(), (**record).body.end());
+  EXPECT_THAT(last, HasSubstr(asset_)) << "the surface of the keys is there";
+  EXPECT_EQ(decode(*reader).back(), 4U);
+}
+
+TEST_F(RecorderTest, WhatIsLateAtTheEndIsLeftOutAndCounted) {
+  start();
+  announce();
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  send(5000);
+  recorder_->end_by(0);
+  end();
+  std::size_t written = 0;
+  for (const std::string& file : files()) {
+    ASSERT_TRUE(recording::recover(file)) << "it ends with a whole record";
+    auto reader = recording::Reader::open(file);
+    ASSERT_TRUE(reader);
+    written += decode(*reader).size();
+  }
+  const auto at = log().find(" frames are not in ");
+  const std::string before = at == std::string::npos ? "\n0" : "\n" + log().substr(0, at);
+  EXPECT_EQ(written + std::stoull(before.substr(before.rfind('\n') + 1)), 5000U) << log();
+}
+
 TEST_F(RecorderTest, AssetIsIncludedIfConfigured) {
   settings_.include_asset = true;
   const Sha256 chunk = put(Bytes(1000, 7));
