@@ -89,8 +89,9 @@ struct Word {
   std::string_view name, usage, does, examples;
 };
 constexpr std::array<Word, 3> kWords{
-    {{"list", "list [URL] [--context NAME] [--token TEXT] [--ca FILE] [--cert FILE --key FILE] [--insecure]",
-      "Lists the streams of a broker: that of the URL, of the context, of $EIGENCAST_URL, or this machine's.",
+    {{"list", "list [URL] [--context NAME] [--token TEXT] [--ca FILE] [--cert FILE --key FILE] [--insecure] [--json FILE]",
+      "Lists the streams of a broker: that of the URL, of the context, of $EIGENCAST_URL, or this machine's. --json "
+      "writes them as JSON, to standard output where it is -.",
       "eigencast-client list                           # of this machine's broker\n"
       "eigencast-client list http://host:7490\n"
       "eigencast-client list https://host --token @FILE\n"},

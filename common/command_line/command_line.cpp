@@ -73,6 +73,10 @@ std::string words_from_failure(const std::string& failure) {
   }
   if (const auto kind = between(": 1 required ", " missing"))
     return option + (kind->starts_with("TEXT") ? ": a word is missing" : ": a number is missing");
+  unsigned most = 0, count = 0;
+  const std::string again = failure.substr(std::min(failure.size(), option.size()));
+  if (std::sscanf(again.c_str(), ": At Most %u required but received %u", &most, &count) == 2)
+    return option + formatted(": given %u times; give it ", count) + (most == 1 ? "once" : formatted("%u times", most));
   if (const auto unknown = between("not expected: ", "")) return *unknown + " was not expected";
   return failure;
 }
@@ -117,6 +121,15 @@ class NestedHelp final : public CLI::Formatter {
     return text;
   }
 };
+
+/// Without positional words, which have no dashes.
+std::vector<std::string> names_of(const std::vector<const CLI::Option*>& options) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : options) {
+    if (option->get_name().starts_with('-')) names.push_back(option->get_name());
+  }
+  return names;
+}
 
 }  // namespace
 
@@ -165,6 +178,18 @@ void add_help_all(CLI::App& app) {
     return of->get_name() + ": " + words_from_failure(error.what()) + "\nTry " + command + " --help\n";
   });
   app.set_help_all_flag("--help-all", "print this message and that of every command");
+}
+
+std::vector<std::string> CommandLine::given() const {
+  return given_in(*app_);
+}
+
+std::vector<std::string> CommandLine::names() const {
+  return names_of(std::as_const(*app_).get_options());
+}
+
+std::vector<std::string> given_in(const CLI::App& app) {
+  return names_of({app.parse_order().begin(), app.parse_order().end()});
 }
 
 CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials) {

@@ -53,6 +53,9 @@ class CommandLine {
   std::optional<bool> parse(int argc, const char* const* argv);
   /// Whether the option was given. REQUIRES: parse().
   bool has(const char* option) const;
+  /// The options that the command line itself gave, which the environment did not. REQUIRES: parse().
+  std::vector<std::string> given() const;
+  std::vector<std::string> names() const;  ///< Of all options.
   CLI::App& app() { return *app_; }
   const CLI::App& app() const { return *app_; }
 
@@ -69,6 +72,9 @@ inline constexpr const char* kCredentialsGroup = "Who you are";
 /// Help in words: what a value is, its limits, its default. --help-all: the help of every command, nested ones too;
 /// manual pages are made from it. Call before adding commands.
 void add_help_all(CLI::App& app);
+
+/// The options that the command line itself gave to a command, which the environment did not. REQUIRES: `app` has parsed.
+std::vector<std::string> given_in(const CLI::App& app);
 
 /// What is wrong with numbers that a command line gave and CLI11 takes: "nan" lies in no range, and in every one by its
 /// comparisons. Empty: nothing. REQUIRES: `app` has parsed.

@@ -95,7 +95,7 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   EXPECT_EQ(tokens({"ws://a/x", "ws://b/x"}), (Tokens{"e", ""}));
   ::unsetenv("EIGENCAST_TOKEN");
   const auto others =
-      options({"--token", "t", "--cert", "c", "--key", "k", "--ca", "ca", "--insecure", "ws://a/x", "ws://b/x"});
+      options({"--token", "t", "--cert", "c", "--key", "k", "--ca", "ca", "--insecure", "wss://a/x", "wss://b/x"});
   EXPECT_EQ(others.credentials[1].certificate_file + others.credentials[1].key_file, "") << "one's identity";
   EXPECT_FALSE(others.credentials[1].insecure);
   EXPECT_EQ(others.credentials[1].ca_file, "ca") << "whom one trusts";
@@ -181,6 +181,7 @@ TEST(Options, ListNamesABroker) {
   EXPECT_EQ(home({"list"}), "ws://127.0.0.1:7490 ");
   EXPECT_EQ(home({"list", "http://host", "--token", "t"}), "ws://host:80 t");
   EXPECT_EQ(home({"list", "host"}), "ws://host:7490 ");
+  EXPECT_EQ(home({"list", "https://host", "--token", "t", "--insecure", "-v", "--json", "-"}), "wss://host:443 t");
   for (const auto& wrong : std::vector<std::vector<const char*>>{
            {"list", "a", "b"}, {"list", "--headless"}, {"list", "host:81/a"}, {"list", "http://host/foo"}})
     EXPECT_EQ(std::get<ExitNow>(parsed(wrong)).code, kExitUsage);
@@ -236,6 +237,23 @@ TEST(Options, OptionsThatWouldDoNothingAreRefused) {
                                                       {"--headless", "--colour-map", "grey"},
                                                       {"--headless", "--colour", "own", "--colour-range", "0,1"},
                                                       {"--headless", "--truth", "heart"},
+                                                      {"--headless", "--frames", "1", "--hud"},
+                                                      {"--headless", "--frames", "1", "--transparent"},
+                                                      {"--edges", "--wireframe"},
+                                                      {"--edges", "--points"},
+                                                      {"--wireframe", "--points"},
+                                                      {"http://h/a", "--insecure"},
+                                                      {"http://h/a", "--ca", "ca.pem"},
+                                                      {"http://h/a", "--cert", "a.pem", "--key", "a.key"},
+                                                      {"https://h/a", "--cert", "a.pem"},
+                                                      {"http://h/a", "--colour", "error"},
+                                                      {"view", "heart", "--truth", "heart"},
+                                                      {"view", "heart", "--headless", "--wait", "3"},
+                                                      {"list", "http://h", "--turntable", "3"},
+                                                      {"list", "http://h", "--points"},
+                                                      {"list", "http://h", "--screenshot", "x.png"},
+                                                      {"list", "http://h", "--room", "a"},
+                                                      {"list", "http://h", "--insecure"},
                                                       {"ws://h/a", "--watch"},
                                                       {"view", "heart", "--rate", "raw"},
                                                       {"view", "heart", "--bands", "2"},
@@ -249,7 +267,12 @@ TEST(Options, OptionsThatWouldDoNothingAreRefused) {
     EXPECT_EQ(std::get<ExitNow>(result).code, kExitUsage) << arguments.back();
   }
   const std::vector<std::vector<const char*>> useful{
-      {"--headless", "--frames", "1", "--first", "--hud", "--ui-scale", "2", "--wait", "3"},
+      {"--headless", "--frames", "1", "--first", "--hud", "--ui-scale", "2", "--wait", "3", "--out", "a"},
+      {"--headless", "--frames", "1", "--room", "a", "--ui-scale", "2", "--transparent", "--screenshot", "a.png"},
+      {"https://h/a", "--insecure"},
+      {"http://h/a", "--compare", "https://h/b", "--ca", "ca.pem"},
+      {"http://h/a", "--headless", "--colour", "error", "--truth", "heart"},
+      {"view", "heart", "--colour", "error"},
       {"--headless", "--resolver", "budget", "--lod-floor", "0.1"},
       {"view", "heart", "--film", "a_%d.png", "--transparent", "--hud", "--turntable", "3"},
       {"http://h/a", "--film", "a.mp4", "--fps", "24", "--seconds", "3"},
@@ -260,6 +283,15 @@ TEST(Options, OptionsThatWouldDoNothingAreRefused) {
       {"--playout", "estimate", "--ahead", "9"}};
   for (const auto& arguments : useful)
     EXPECT_TRUE(std::holds_alternative<ClientOptions>(parsed(arguments))) << arguments.back();
+}
+
+TEST(Options, TheEnvironmentIsNotRefusedWhereItDoesNothing) {
+  for (const char* name : {"EIGENCAST_TOKEN", "EIGENCAST_NAME"}) {
+    ::setenv(name, "x", 1);
+    EXPECT_TRUE(std::holds_alternative<ClientOptions>(parsed({"view", "heart"}))) << name;
+    EXPECT_TRUE(std::get<ClientOptions>(parsed({"list", "http://h"})).list) << name;
+    ::unsetenv(name);
+  }
 }
 
 TEST(Options, WrongUsageExitsWithTwo) {
