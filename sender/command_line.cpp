@@ -287,8 +287,12 @@ void add_commands(CLI::App& app, Settings& s) {
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off "
                    "(a file a pose) or folder/")
       ->required()
-      ->check(output_path([](const std::string& path) {
-        return path.ends_with(".html") || is_recording(path) ? check_output_file(path) : check_clip_path(path);
+      ->check(output_path([](const std::string& path) -> Result<void> {
+        if (path.ends_with(".html") || is_recording(path)) return check_output_file(path);
+        const auto good = check_clip_path(path);
+        return good || good.error().code != ErrorCode::kUnsupported
+                   ? good
+                   : fail(ErrorCode::kUnsupported, good.error().message + ", and pages (html) and recordings (ecrec)");
       }));
   bounded(*export_clip, "--from", s.export_clip.part.from_s, "begin so many seconds into the clip", 0.0, kMaxSeconds);
   bounded(*export_clip, "--duration", s.export_clip.part.duration_s, "write so many seconds (default: to the end)",
@@ -297,7 +301,8 @@ void add_commands(CLI::App& app, Settings& s) {
   bounded(*export_clip, "--level", s.export_clip.part.level, "part of the vertices (default: 1)", 1e-6, 1.0);
   bounded(*export_clip, "--targets", s.export_clip.targets,
           "morph targets of a .glb (default: the fewest that move no vertex by over 1e-4 of the diagonal)", 1, 512);
-  export_clip->add_flag("--force", s.export_clip.force, "write into a folder that holds files already");
+  export_clip->add_flag("--force", s.export_clip.force,
+                        "write into a folder that holds files, and over files that are there (recordings never)");
   export_clip->add_option("--json", s.export_clip.json, "write a report")->check(output_path(check_output_file));
 
   add_evaluate_command(app, s);
@@ -334,6 +339,36 @@ void add_commands(CLI::App& app, Settings& s) {
   add_completion_command(app, s);
 }
 
+/// What an input is, as far as its name and a look at its folder say.
+enum Of : unsigned { kShape = 1, kRecording = 2, kScene = 4, kArray = 8, kCache = 16, kMesh = 32, kSeveral = 64 };
+constexpr unsigned kAnyInput = 127;
+
+unsigned kind_of_name(const std::string& name) {
+  if (is_recording(name)) return kRecording;
+  const auto kind = kind_of_file(name);
+  if (!kind) return 0;
+  return *kind == FileKind::kMesh         ? kMesh
+         : *kind == FileKind::kArray      ? kArray
+         : *kind == FileKind::kPointCache ? kCache
+                                          : kScene;
+}
+
+unsigned kind_of_input(const std::string& input) {
+  std::error_code ignored;
+  if (input.empty()) return kAnyInput;
+  if (std::filesystem::is_directory(input, ignored)) {
+    unsigned kinds = kSeveral;
+    for (const auto& entry : std::filesystem::directory_iterator(input, ignored))
+      kinds |= kind_of_name(entry.path().filename().string()) & ~unsigned{kMesh};
+    return kinds;
+  }
+  if (input.find_first_of("*?[") != std::string::npos) return kSeveral | (kind_of_name(input) & ~unsigned{kMesh});
+  const bool is_word = input.find_first_of("/.") == std::string::npos && !std::filesystem::exists(input, ignored);
+  if (is_word) return kShape;
+  const unsigned kind = kind_of_name(input);
+  return kind == 0 ? kAnyInput : kind;
+}
+
 /// An option that would do nothing where it stands.
 Result<void> check_uses(const CLI::App& app) {
   const CLI::App* command = app.get_subcommands().front();
@@ -341,22 +376,39 @@ Result<void> check_uses(const CLI::App& app) {
     const CLI::Option* option = command->get_option_no_throw(name);
     return option != nullptr && option->count() > 0 ? option->as<std::string>() : std::string();
   };
-  const auto kind = kind_of_file(text_of("input"));
-  const bool is_scene = kind == FileKind::kGltf || kind == FileKind::kForeign;
+  const unsigned input = kind_of_input(text_of("input"));
+  const auto is_none_of = [&](unsigned kinds) { return (input & kinds) == 0; };
+  const bool has_poses = !text_of("--poses").empty();
+  const CLI::Option* basis = command->get_option_no_throw("--basis");
+  const std::vector<std::string> bases = basis == nullptr ? std::vector<std::string>() : basis->reduced_results();
+  const bool solves = bases.empty() || std::any_of(bases.begin(), bases.end(), [](const std::string& name) {
+                        return name == name_of(BasisKind::kAugmented) || name == name_of(BasisKind::kHarmonic);
+                      });
   const std::string codec = text_of("--codec");
   const struct {
     std::vector<const char*> options;
     bool useless;
     const char* why;
-  } uses[] = {{{"--speed", "--once"},
-               command == app.get_subcommand("deform") && text_of("--script").empty(),
-               "goes with --script"},
-              {{"--error", "--step"},
-               !codec.empty() && codec != "quantised",
-               "is for --codec quantised; the others keep their numbers' precision"},
-              {{"--animation", "--sample-rate"}, kind && !is_scene, "is for glTF files"},
-              {{"--faces"}, kind && kind != FileKind::kArray, "is for .npy clips"},
-              {{"--targets"}, !text_of("--to").ends_with(".glb"), "is for .glb files"}};
+  } uses[] = {
+      {{"--speed", "--once"},
+       command == app.get_subcommand("deform") && text_of("--script").empty(),
+       "goes with --script"},
+      {{"--error", "--step"},
+       !codec.empty() && codec != "quantised",
+       "is for --codec quantised; the others keep their numbers' precision"},
+      {{"--memory"},
+       !codec.empty() && codec != "quantised" && text_of("--memory") != "off",
+       "is for --codec quantised"},
+      {{"--learn"}, !codec.empty() && codec != "quantised" && text_of("--learn") != "off", "is for --codec quantised"},
+      {{"--rest"}, is_none_of(kArray | kCache | kMesh | kSeveral), "is for vertex caches and files of poses"},
+      {{"--animation"}, is_none_of(kScene), "is for glTF files"},
+      {{"--sample-rate"}, is_none_of(kScene | kRecording), "is for glTF files and recordings"},
+      {{"--faces"}, is_none_of(kArray), "is for .npy clips"},
+      {{"--any-order"},
+       !has_poses && is_none_of(kRecording | kScene | kArray | kCache | kSeveral),
+       "is for poses that are read; here are none"},
+      {{"--solver"}, !solves, "is for --basis augmented and harmonic"},
+      {{"--targets"}, !text_of("--to").ends_with(".glb"), "is for .glb files"}};
   for (const auto& use : uses) {
     for (const char* name : use.options) {
       const CLI::Option* option = command->get_option_no_throw(name);
@@ -384,6 +436,28 @@ Result<void> check_together(const CLI::App& app, const Settings& s) {
   return {};
 }
 
+/// Without a context a stream's name is meant of this machine's broker.
+void name_broker(std::string& to, const std::string& context, const Contexts& contexts) {
+  if (!to.empty() && context.empty() && contexts.find("") == nullptr && to.find('/') == std::string::npos &&
+      check_stream_name(to))
+    to = "ws://127.0.0.1:7490/" + to;
+}
+
+/// Certificates, for brokers of which none has TLS.
+Result<void> check_tls(const CLI::App& command, const std::vector<std::string>& urls) {
+  const auto is_tls = [](const std::string& text) {
+    const auto url = parse_broker_url(text);
+    return !url || url->tls;
+  };
+  const auto has = [&](const char* name) { return command.get_option(name)->count() > 0; };
+  for (const char* name : {"--ca", "--cert", "--key", "--insecure"}) {
+    if (has(name) && std::none_of(urls.begin(), urls.end(), is_tls))
+      return fail(ErrorCode::kInvalidArgument, std::string(name) + " is for https://; http:// has no certificates");
+  }
+  if (has("--cert") != has("--key")) return fail(ErrorCode::kInvalidArgument, "--cert and --key go together");
+  return {};
+}
+
 Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   TargetOptions* target = app.got_subcommand("play")     ? &s.play.target
                           : app.got_subcommand("pipe")   ? &s.pipe.target
@@ -405,18 +479,22 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
                                                                 : s.replay.file,
                                  context);
   }
+  name_broker(target->url, target->context, *contexts);
   const auto resolved = resolve_target(target->url, given, target->context, *contexts);
   if (!resolved) return resolved.error();
   target->url = resolved->url;
   target->credentials = resolved->credentials;
+  std::vector<std::string> urls{resolved->url};
   for (TargetOptions& other : s.deform.watch) {
+    name_broker(other.url, target->context, *contexts);
     const auto watched = resolve_beside(*resolved, other.url, given, target->context, *contexts);
     if (!watched) return watched.error();
     if (const auto url = parse_broker_url(watched->url); !url) return url.error();
     other.url = watched->url;
     other.credentials = watched->credentials;
+    urls.push_back(watched->url);
   }
-  return {};
+  return check_tls(*app.get_subcommands().front(), urls);
 }
 
 /// Empty: it is one, or an option.

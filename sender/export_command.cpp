@@ -93,10 +93,32 @@ Result<void> write_recording(const ExportCommand& command, const Console& consol
   return written;
 }
 
+/// A file that would be written over; empty: none.
+std::string file_in_the_way(const std::string& to) {
+  namespace fs = std::filesystem;
+  std::error_code none;
+  const fs::path path(to);
+  const std::string ending = path.extension().string();
+  if (ending != ".obj" && ending != ".ply" && ending != ".off") return fs::exists(path, none) ? to : std::string();
+  const std::string start = path.stem().string() + "_";
+  constexpr std::size_t kDigits = 6;
+  for (const auto& entry : fs::directory_iterator(path.has_parent_path() ? path.parent_path() : ".", none)) {
+    const std::string name = entry.path().filename().string();
+    const bool fits = name.starts_with(start) && name.ends_with(ending) &&
+                      name.size() == start.size() + kDigits + ending.size() &&
+                      name.find_first_not_of("0123456789", start.size()) == start.size() + kDigits;
+    if (fits) return entry.path().string();
+  }
+  return {};
+}
+
 /// Frames of another clip between those of this one would be read as its own.
-Result<void> check_folder(const ExportCommand& command) {
+Result<void> check_there(const ExportCommand& command) {
   std::error_code none;
   const bool is_folder = command.to.ends_with('/') || std::filesystem::is_directory(command.to, none);
+  if (const std::string there = command.force || is_folder ? "" : file_in_the_way(command.to); !there.empty())
+    return fail(ErrorCode::kInvalidArgument,
+                there + ": is there already; name another file, or write over it with --force");
   if (command.force || !is_folder || !std::filesystem::exists(command.to, none)) return {};
   const auto first = std::filesystem::directory_iterator(command.to, none);
   if (none || first == std::filesystem::directory_iterator()) return {};
@@ -120,7 +142,7 @@ Result<void> write_targets(const MotionClip& clip, const ExportCommand& command,
 }  // namespace
 
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt) {
-  if (const auto usable = check_folder(command); !usable) return report_failure(usable.error());
+  if (const auto usable = check_there(command); !usable) return report_failure(usable.error());
   if (is_page(command.to) || is_recording(command.to)) {
     if (const auto written = write_recording(command, console, interrupt); !written)
       return report_failure(written.error());

@@ -122,6 +122,22 @@ TEST_F(BeforeTheBake, ExportLeavesOtherFilesAlone) {
   EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
 }
 
+TEST_F(BeforeTheBake, ExportWritesOverNothingUnasked) {
+  ExportCommand command;
+  command.source.input = file("a.off", "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n");
+  Interrupt interrupt;
+  for (const char* name : {"x.obj", "x.npy", "x.html"}) {
+    const std::string there = file(std::string(name) == "x.obj" ? "x_000000.obj" : name, "mine");
+    command.to = folder_.file(name);
+    EXPECT_EQ(run(command, Console{}, interrupt), kExitFailed) << name;
+    EXPECT_EQ(std::filesystem::file_size(there), 4u) << name;
+  }
+  command.to = folder_.file("x.obj");
+  command.force = true;
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
+  EXPECT_GT(std::filesystem::file_size(folder_.file("x_000000.obj")), 4u);
+}
+
 TEST_F(BeforeTheBake, ExportedRecordingsLeaveOtherFilesAlone) {
   const std::string recording = file("show.html.ecrec", "of another");
   auto command = of_sphere<ExportCommand>();
@@ -162,8 +178,30 @@ TEST(CommandLineOfTheSender, OptionsThatWouldDoNothingAreRefused) {
            {"play", "heart", "--to", "ws://h/a", "--codec", "float32", "--error", "1"},
            {"play", "a.obj", "--to", "ws://h/a", "--animation", "Run"},
            {"export", "a.obj", "--to", "b.pc2", "--faces", "faces.npy"},
-           {"export", "a.obj", "--to", "b.pc2", "--targets", "5"}})
+           {"export", "a.obj", "--to", "b.pc2", "--targets", "5"},
+           {"export", "heart", "--to", "b.pc2", "--animation", "3"},
+           {"export", "heart", "--to", "b.pc2", "--sample-rate", "5"},
+           {"bake", "heart", "--animation", "x"},
+           {"bake", "heart", "--faces", "f.npy"},
+           {"bake", "heart", "--rest", "a.obj"},
+           {"bake", "heart", "--any-order"},
+           {"bake", "heart", "--basis", "pca", "--solver", "spectra"},
+           {"bake", ".", "--animation", "0"},
+           {"play", "heart", "--sample-rate", "10"},
+           {"play", "heart", "--codec", "float32", "--memory", "on"},
+           {"play", "heart", "--to", "http://h/a", "--insecure"},
+           {"play", "heart", "--to", "http://h/a", "--ca", "nofile"},
+           {"play", "heart", "--to", "https://h/a", "--cert", "a.pem"}})
     EXPECT_EQ(status(words), kExitUsage) << words.back();
+  for (const auto& words :
+       std::vector<std::vector<const char*>>{{"play", "heart", "--to", "https://h/a", "--insecure"},
+                                             {"play", "heart", "--to", "name"},
+                                             {"bake", "a.glb", "--animation", "0", "--sample-rate", "5"},
+                                             {"bake", "a.ecrec", "--sample-rate", "5"},
+                                             {"bake", "a.npy", "--faces", "f.npy", "--rest", "a.obj", "--any-order"},
+                                             {"evaluate", "heart", "--basis", "pca,harmonic", "--solver", "spectra"},
+                                             {"play", "heart", "--codec", "float32", "--memory", "off"}})
+    EXPECT_EQ(status(words), kExitOk) << words.back();
   EXPECT_EQ(status({"deform", "heart", "--to", "ws://h/a", "--script", "twist", "--once"}), kExitOk);
   EXPECT_EQ(status({"export", "heart", "--to", "b.glb", "--targets", "5"}), kExitOk);
   EXPECT_EQ(status({"play", "heart"}), kExitOk) << "to this machine's broker";
