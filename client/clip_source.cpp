@@ -2,6 +2,7 @@
 #include "client/clip_source.h"
 
 #include <fnmatch.h>
+#include <strings.h>
 
 #include <algorithm>
 #include <charconv>
@@ -119,7 +120,7 @@ Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, co
 
 std::optional<std::string> clip_in(const std::string& stream) {
   constexpr std::string_view kScheme = "file:";
-  if (!stream.starts_with(kScheme)) return std::nullopt;
+  if (::strncasecmp(stream.c_str(), kScheme.data(), kScheme.size()) != 0) return std::nullopt;
   const std::string path = stream.substr(kScheme.size());
   for (const std::string_view authority : {"//", "//localhost"}) {
     if (path.starts_with(std::string(authority) + "/")) return without_escapes(path.substr(authority.size()));

@@ -37,6 +37,18 @@ class PictureFiles final : public FilmWriter {
   std::uint64_t written_ = 0;
 };
 
+/// What ffmpeg said, without how often.
+std::string in_a_line(std::string_view text) {
+  std::string line;
+  while (!text.empty()) {
+    const std::string_view next = trimmed(text.substr(0, text.find('\n')));
+    text.remove_prefix(std::min(text.size(), text.find('\n')));
+    text.remove_prefix(text.empty() ? 0 : 1);
+    if (!next.empty() && !next.starts_with("Last message repeated")) line.append(line.empty() ? "" : "; ").append(next);
+  }
+  return line;
+}
+
 std::vector<std::string> ffmpeg_arguments(const FilmTarget& target, int width, int height, double fps,
                                           const std::string& file) {
   std::vector<std::string> all{"ffmpeg", "-nostdin", "-hide_banner", "-loglevel", "error", "-xerror", "-y"};
@@ -149,7 +161,7 @@ class Video final : public FilmWriter {
                                           : formatted("ended with status %d", WEXITSTATUS(status));
     std::array<char, 600> text{};
     const ssize_t read = ::pread(said_.get(), text.data(), text.size(), std::max<off_t>(0, size - off_t{text.size()}));
-    if (read > 0) why += ": " + std::string(trimmed({text.data(), static_cast<std::size_t>(read)}));
+    if (read > 0) why += ": " + in_a_line(trimmed({text.data(), static_cast<std::size_t>(read)}));
     return fail(ErrorCode::kIo, path_ + ": ffmpeg " + why);
   }
 
@@ -163,6 +175,9 @@ class Video final : public FilmWriter {
 
 Result<std::unique_ptr<FilmWriter>> FilmWriter::create(const FilmTarget& target, int width, int height, double fps) {
   const bool pictures = target.kind == FilmTarget::Kind::kPictures;
+  std::error_code unmade;  // which is said below
+  if (const auto folder = std::filesystem::path(target.path).parent_path(); pictures && !folder.empty())
+    std::filesystem::create_directories(folder, unmade);
   if (const auto writable = check_output_file(pictures ? target.picture_path(1) : target.path); !writable)
     return writable.error();
   if (pictures) return std::unique_ptr<FilmWriter>(std::make_unique<PictureFiles>(target));

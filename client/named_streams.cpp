@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
 #include <utility>
 
 #include "client/clip_source.h"
@@ -54,6 +55,16 @@ Result<void> check_stream_word(const std::string& word) {
               word + ": no such file (a stream that ends so is given by its URL, http://HOST:7490/NAME)");
 }
 
+/// URLs of files of other machines, and of streams after "view".
+Result<void> check_scheme(const std::string& word, bool files_only) {
+  const auto file = clip_in(word);
+  if (file && file->starts_with("//"))
+    return fail(ErrorCode::kInvalidArgument, word + ": names another machine; a file of this one is file:///PATH");
+  if (files_only && !file && word.find("://") != std::string::npos)
+    return fail(ErrorCode::kInvalidArgument, word + ": view is for files; a stream is given without that word");
+  return {};
+}
+
 /// Words that are paths become clips, or the scene that one of them holds.
 Result<void> read_words(SceneDescription& scene) {
   std::vector<std::string>& words = scene.streams;
@@ -62,12 +73,14 @@ Result<void> read_words(SceneDescription& scene) {
   if (files_only && words.empty())
     return fail(ErrorCode::kInvalidArgument, "view: name a file, a folder, a glob or a built-in shape, such as heart");
   for (std::string& word : words) {
+    if (const auto good = check_scheme(word, files_only); !good) return good;
     const Wanted wanted = files_only ? Wanted{Wanted::Kind::kClip, "file:" + word} : wanted_from_word(word);
     if (wanted.kind == Wanted::Kind::kScene && words.size() > 1)
       return fail(ErrorCode::kInvalidArgument, word + ": a scene file names all streams; give it alone");
     if (wanted.kind == Wanted::Kind::kScene) return store(scene, read_scene_file(wanted.what));
     if (wanted.kind == Wanted::Kind::kClip) word = wanted.what;
-    if (const auto there = files_only ? check_input(*clip_in(word)) : Result<void>(); !there) return there;
+    const auto file = wanted.kind == Wanted::Kind::kClip ? clip_in(word) : std::nullopt;
+    if (const auto there = file ? check_input(*file) : Result<void>(); !there) return there;
     if (wanted.kind != Wanted::Kind::kStream) continue;
     if (const auto good = check_stream_word(word); !good) return good;
   }
@@ -82,6 +95,10 @@ Result<void> find_listed(const RawOptions& raw, ClientOptions& options) {
   std::string home, url;
   const char* const usual = std::getenv("EIGENCAST_URL");  // which says streams where none are named
   const std::string named = words.size() == 2 ? words[1] : usual != nullptr && raw.context.empty() ? usual : "";
+  std::error_code ignored;
+  if (words.size() == 2 &&
+      (kind_of_file(named) || is_recording(named) || std::filesystem::is_regular_file(named, ignored)))
+    return fail(ErrorCode::kInvalidArgument, "list: " + named + " is a file; name a broker, such as http://host:7490");
   if (!named.empty()) {
     const auto broker = parse_broker_url(named);
     if (!broker) return broker.error();

@@ -26,8 +26,8 @@ bool Patience::is_over(std::span<PoseSource* const> sources, bool has_begun, Tim
   for (std::size_t i = 0; i < sources.size(); ++i) {
     const Subscriber::Stats stats = sources[i]->stats();
     bytes += stats.asset_bytes_downloaded;
-    if (has_begun || stats.state != Subscriber::State::kRefused || asked_[i]++ >= kMaxAsked) continue;
-    if (is_final_no(i)) return refused_ = i, true;
+    if (has_begun || stats.state != Subscriber::State::kRefused) continue;
+    if (stats.surface_refused || (asked_[i]++ < kMaxAsked && is_final_no(i))) return refused_ = i, true;
   }
   if (std::exchange(bytes_, bytes) != bytes || news_us_ == 0) news_us_ = now_us;
   return static_cast<double>(now_us - news_us_) / 1e6 >= options_.wait_s;
@@ -44,6 +44,8 @@ std::string Patience::reason(std::span<PoseSource* const> sources) const {
   const std::string detail = text_from_state(sources[at]->stats());
   const auto& streams = options_.scene.streams;
   const std::string stream = streams_[at] < streams.size() ? streams[streams_[at]] : "the source";
+  if (refused_ && sources[at]->stats().surface_refused)
+    return "no pose comes from " + stream + ": its surface cannot be used, see above";
   if (refused_) return "no pose comes from " + stream + ": " + detail;
   return "no pose came from " + stream + " in time (" + detail + "); is a sender running? --wait gives it longer";
 }

@@ -12,7 +12,8 @@
 
 namespace eigencast {
 
-/// When to give up before the first picture: a broker's final no to a stream, or nothing new for --wait. Not
+/// When to give up before the first picture: a broker's final no to a stream, or a surface that cannot be used, or
+/// nothing new for --wait. Not
 /// thread-safe.
 class Patience {
  public:

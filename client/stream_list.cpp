@@ -104,9 +104,9 @@ int run_list(const ClientOptions& options, const LogSink& log_sink) {
                     {"state", each.state},
                     {"key_rate_hz", each.key_rate_hz},
                     {"subscribers", each.subscribers}});
-    text += formatted("%-8s %6.4g keys/s %6llu viewers  ", each.state.c_str(), each.key_rate_hz,
-                      static_cast<unsigned long long>(each.subscribers)) +
-            url + "\n";
+    const std::string rate = is_live(each) ? formatted("%6.4g keys/s", each.key_rate_hz) : "     - keys/s";
+    text += formatted("%-8s ", each.state.c_str()) + rate +
+            formatted(" %6llu viewers  ", static_cast<unsigned long long>(each.subscribers)) + url + "\n";
   }
   if (streams->empty()) log(log_sink, LogLevel::kInfo, "no streams at " + parse_broker_url(options.home.url)->origin());
   if (!options.json.empty()) text = list.dump(2) + "\n";

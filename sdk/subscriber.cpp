@@ -87,6 +87,7 @@ class BrokerSubscriber final : public Subscriber {
     s.memory_bytes = memories_.fetched_bytes();
     s.dropped = c.dropped;
     s.reconnects = c.reconnects;
+    s.surface_refused = !surfaces_.damage().empty();
     if (c.retry_at_us) s.retry_in = std::max<TimeUs>(0, *c.retry_at_us - steady_now_us());
     s.latency_us = c.latency_us;
     if (c.clock) {

@@ -99,7 +99,8 @@ class Subscriber : public Rewind {
     std::uint64_t reconnects = 0;
     std::optional<TimeUs> retry_in;  ///< Until the next try to connect, or to ask again for a stream that was declined.
     std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< Relate to the broker.
-    Histogram latency_us;  ///< Arrival minus capture time, for a sender on this machine's clock.
+    Histogram latency_us;          ///< Arrival minus capture time, for a sender on this machine's clock.
+    bool surface_refused = false;  ///< kRefused here, for its memory or its bytes, not by the broker.
   };
 
   /// Errors: kInvalidArgument (URL, stream name).

@@ -311,8 +311,12 @@ void draw_timeline(const Timeline& timeline, ViewerState& state, TimeUs now_us, 
   const TimeUs at_us = std::min(timeline.at(now_us).position_us, timeline.end_us());
   auto at_s = static_cast<float>(static_cast<double>(at_us) / 1e6);
   const std::string text = "%.2f of " + formatted("%.2f s", static_cast<double>(end_s));
+  // The bar stays dark while it is dragged, so that its thumb is seen.
+  for (const ImGuiCol of_bar : {ImGuiCol_FrameBgActive, ImGuiCol_FrameBgHovered})
+    ImGui::PushStyleColor(of_bar, ImGui::GetColorU32(ImGuiCol_FrameBg));
   if (ImGui::SliderFloat("##position", &at_s, 0, end_s, text.c_str(), ImGuiSliderFlags_AlwaysClamp))
     state.seek_us = static_cast<TimeUs>(static_cast<double>(at_s) * 1e6);
+  ImGui::PopStyleColor(2);
   ImGui::SameLine();
   ImGui::Checkbox("loop", &state.looping);
   ImGui::SameLine();

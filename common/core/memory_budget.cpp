@@ -16,8 +16,7 @@ Result<MemoryBudget::Share> MemoryBudget::take(std::uint64_t bytes, const std::s
       return fail(ErrorCode::kTooLarge,
                   what + " may take " + std::to_string(bytes / kMegabyte) + " MB of memory, " +
                       std::to_string(left / kMegabyte) + " of " + std::to_string(limit_ / kMegabyte) +
-                      " MB are left for what brokers send: allow more (SubscriberOptions::memory, "
-                      "eigencast-client --memory)");
+                      " MB are left for what brokers send: allow more (eigencast-client --memory)");
     }
     taken_ += bytes;
   }

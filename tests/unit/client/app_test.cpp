@@ -207,6 +207,18 @@ TEST_F(Apps, HeadlessNamesTheStreamThatDoesNotCome) {
   EXPECT_NE(said_.find("no pose came from ws://a/missing"), std::string::npos) << said_;
 }
 
+TEST_F(Apps, HeadlessEndsAtOnceWhereASurfaceCannotBeUsed) {
+  source_.has_asset = false;
+  source_.batches.clear();
+  source_.stats_.state = Subscriber::State::kRefused;
+  source_.stats_.surface_refused = true;
+  options_.headless = true;
+  options_.frames = 1;
+  options_.wait_s = 1000;
+  options_.scene.streams = {"ws://127.0.0.1:1/a"};
+  EXPECT_EQ(run_headless(options_, std::vector<PoseSource*>{&source_}, stop_, log()), kExitNoStream) << said_;
+}
+
 TEST_F(Apps, HeadlessEndsOnceTheSenderIsGone) {
   options_.headless = true;
   options_.frames = 100;
