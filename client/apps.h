@@ -17,7 +17,7 @@ int run_headless(const ClientOptions& options, std::span<PoseSource* const> sour
 
 /// Writes options.film, each picture at its time however long that takes: of clips to the bit the same again. Streams
 /// are first kept for as long. Stopped, it ends the film with what is there. Returns an ExitCode: kExitFailed where a
-/// sender went before the film's end. REQUIRES: options.film.
+/// sender went before the film's end, kExitStopped where it was stopped before. REQUIRES: options.film.
 int run_film(const ClientOptions& options, const std::atomic<bool>& stop, const LogSink& log);
 
 /// Shows the scene in a window, on the main thread; without sources it asks what to show. open: opens what a user asks

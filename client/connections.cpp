@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "client/hud_text.h"
+#include "common/core/clock.h"
 #include "common/core/text.h"
 
 namespace eigencast {
@@ -85,11 +86,14 @@ void Connections::read_stats() {
 }
 
 void Connections::log_states() {
-  for (Known& known : known_) {
+  for (std::size_t i = 0; i < known_.size(); ++i) {
+    Known& known = known_[i];
     const Subscriber::Stats& stats = known.stats;
     if (known.logged == stats.state) continue;
     known.logged = stats.state;
-    std::string line = text_from_state(stats);
+    if (stats.state == Subscriber::State::kRefused && stats.surface_refused) continue;  // which was said when it came
+    const bool is_file = stats.state == Subscriber::State::kLive && sources_[i]->timeline() != nullptr;
+    std::string line = is_file && stats.detail.empty() ? "it can be shown" : text_from_state(stats);
     if (sources_.size() > 1) line = known.name + ": " + line;
     const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||
                       stats.state == Subscriber::State::kWaiting;
@@ -103,8 +107,14 @@ bool Connections::are_well() const {
 
 std::string Connections::line(bool has_banner) const {
   if (sources_.empty()) return {};
-  const std::string line = connection_line(all_, sources_[troubled_]->info(), download_.per_second(), has_banner);
+  Subscriber::Stats stats = all_;
+  const bool plays = stats.state == Subscriber::State::kLive && sources_[troubled_]->timeline() != nullptr;
+  if (plays && stats.detail.empty())
+    stats.detail = text_from_timeline(*sources_[troubled_]->timeline(), steady_now_us());
+  const std::string line = connection_line(stats, sources_[troubled_]->info(), download_.per_second(), has_banner);
   if (known_.size() == 1) return line;
+  if (std::ranges::all_of(sources_, [](const PoseSource* source) { return source->timeline() != nullptr; }))
+    return formatted("%zu files \xC2\xB7 ", known_.size()) + line;
   const auto live = static_cast<std::size_t>(std::count_if(
       known_.begin(), known_.end(), [](const Known& k) { return k.stats.state == Subscriber::State::kLive; }));
   const bool complete = all_.asset_bytes_downloaded + all_.asset_bytes_cached >= all_.asset_bytes_total;

@@ -37,7 +37,7 @@ class Film {
     if (good) good = store(writer_, FilmWriter::create(film.target, options_.width, options_.height, film.fps));
     if (good) good = open_clips();
     if (good && !captured_.empty()) good = capture();
-    if (!good && good.error().code == ErrorCode::kCancelled) return kExitGood;
+    if (!good && good.error().code == ErrorCode::kCancelled) return kExitStopped;
     if (!good && good.error().code == ErrorCode::kTimeout)
       return log(log_, LogLevel::kError, good.error().message), kExitNoStream;
     if (good) good = begin();
@@ -48,6 +48,7 @@ class Film {
     log(log_, LogLevel::kInfo,
         film.target.path +
             formatted(": %llu pictures, %.6g a second", static_cast<unsigned long long>(drawn_), film.fps));
+    if (drawn_ < clock_->pictures()) return kExitStopped;
     return lost_ ? kExitFailed : kExitGood;
   }
 
@@ -176,7 +177,10 @@ class Film {
         return fail(ErrorCode::kTimeout, "--ago: a broker keeps nothing of its stream, or does not show it again");
       if (sought || !std::all_of(sources.begin(), sources.end(), has_past)) continue;
       sought = true;
-      const TimeUs now_us = sources.front()->rewind()->kept()->now_at(steady_now_us());
+      const Rewind::Kept kept = *sources.front()->rewind()->kept();
+      const TimeUs now_us = kept.now_at(steady_now_us());
+      if (const std::string notice = text_from_short_past(kept, now_us, options_.ago_s); !notice.empty())
+        log(log_, LogLevel::kWarning, notice);
       const auto at_us = now_us - static_cast<TimeUs>(1e6 * options_.ago_s);
       for (PoseSource* source : sources) source->rewind()->seek(std::max<TimeUs>(0, at_us), options_.speed);
     }

@@ -53,6 +53,8 @@ class Headless {
       const bool changed = session().update(std::chrono::milliseconds(flying() ? 0 : 20), viewer_->camera());
       const bool is_led = changed && session().room() != nullptr;  // Who leads moves the camera between poses too.
       if (taken_ == 0 && waits_for_all() && !is_whole()) continue;
+      if (const std::string notice = session().rewind().take_notice(); !notice.empty())
+        log(log_, LogLevel::kWarning, notice);
       std::string trouble = session().rewind().take_trouble();
       if (session().rewind().is_settled()) settled_us_ = steady_now_us();
       if (!session().rewind().is_settled()) {

@@ -74,6 +74,13 @@ std::string text_from_behind(TimeUs behind_us) {
   return time + " behind live";
 }
 
+std::string text_from_short_past(const Rewind::Kept& kept, TimeUs edge_us, double ago_s) {
+  constexpr double kSlackS = 1;  // a second of what is kept goes while one asks
+  const double kept_s = static_cast<double>(edge_us - kept.spans.front().from_us) / 1e6;
+  if (ago_s <= kept_s + kSlackS) return {};
+  return formatted("--ago %.6g: the broker keeps the last %.0f s, it begins there", ago_s, kept_s);
+}
+
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces) {
   if (surfaces == 0) return {};
   if (on_gpu == 0) return "rebuilt on the CPU";
@@ -114,12 +121,12 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   std::vector<std::string> lines;
   lines.push_back(
       formatted("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
-  lines.push_back((f.received ? formatted("%.0f kbit/s, on the link %.0f (TLS %.0f) \xC2\xB7 ", f.kbit_per_s,
-                                          f.link_kbit_per_s, f.tls_kbit_per_s)
-                              : std::string()) +
-                  (f.latency_count == 0 ? std::string("latency not known yet")
-                                        : "latency " + milliseconds(f.latency_p50_us) + " (p99 " +
-                                              milliseconds(f.latency_p99_us) + ")"));
+  if (f.received)
+    lines.push_back(formatted("%.0f kbit/s, on the link %.0f (TLS %.0f) \xC2\xB7 ", f.kbit_per_s, f.link_kbit_per_s,
+                              f.tls_kbit_per_s) +
+                    (f.latency_count == 0 ? std::string("latency not known yet")
+                                          : "latency " + milliseconds(f.latency_p50_us) + " (p99 " +
+                                                milliseconds(f.latency_p99_us) + ")"));
   const double level =
       f.vertices_total == 0 ? 0 : static_cast<double>(f.vertices) / static_cast<double>(f.vertices_total);
   lines.push_back(formatted("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " +
@@ -145,6 +152,12 @@ std::string text_from_state(const Subscriber::Stats& stats) {
   const std::string name(kStateNames[stats.state]);
   if (stats.detail.starts_with(name)) return stats.detail;
   return name + (stats.detail.empty() ? "" : ": " + stats.detail);
+}
+
+std::string text_from_timeline(const Timeline& timeline, TimeUs now_us) {
+  if (timeline.times_us().size() == 1) return "one pose";
+  if (timeline.paused()) return "paused";
+  return timeline.until_next_us(now_us) ? "playing" : "at its end";
 }
 
 Download download_of(const Subscriber::Stats& stats, double bytes_per_s) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "client/level_control.h"
+#include "common/motion/timeline.h"
 #include "sdk/subscriber.h"
 #include "view/surface_view.h"
 
@@ -52,6 +53,10 @@ std::string timecode_of(TimeUs utc_us);
 
 /// "12.3 s behind live", "3:07 behind live", "1:02:07 behind live": as the page says it.
 std::string text_from_behind(TimeUs behind_us);
+/// Of a past that does not reach back so far. Empty: it does. REQUIRES: kept.spans.
+std::string text_from_short_past(const Rewind::Kept& kept, TimeUs edge_us, double ago_s);
+/// What a file does: "playing", "paused", "at its end", "one pose".
+std::string text_from_timeline(const Timeline& timeline, TimeUs now_us);
 
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 

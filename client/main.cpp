@@ -13,9 +13,12 @@
 namespace {
 
 std::atomic<bool> stop_wanted{false};
-static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
+std::atomic<int> last_signal{0};
+static_assert(std::atomic<bool>::is_always_lock_free && std::atomic<int>::is_always_lock_free,
+              "a signal handler sets it");
 
-void on_signal(int) {
+void on_signal(int signal) {
+  last_signal.store(signal);
   stop_wanted.store(true);
 }
 
@@ -41,7 +44,10 @@ int run(int argc, char** argv) {
   // Not before: a signal ends what waits for a list.
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
-  if (options.film) return run_film(options, stop_wanted, log);
+  if (options.film) {
+    const int code = run_film(options, stop_wanted, log);
+    return code == kExitStopped ? kExitStopped + last_signal.load() : code;
+  }
   std::vector<std::unique_ptr<PoseSource>> sources;
   std::vector<PoseSource*> all;
   for (std::size_t i = 0; i < options.scene.streams.size(); ++i) {

@@ -14,6 +14,7 @@
 #include "client/hud_text.h"
 #include "client/raw_options.h"
 #include "client/settings.h"
+#include "common/core/files.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 
@@ -36,9 +37,10 @@ eigencast-client fox.glb --film fox.mp4                 # every picture at its t
 eigencast-client completion bash                        # or zsh: a script for your shell
 )";
 constexpr const char* kExitStatus = R"(0 good
-1 failed: no display, a file that cannot be read or written
-2 wrong usage
+1 failed: no display, a file that cannot be read or written, a sender that went before the end of a film
+2 wrong usage; a file that is not there
 4 no stream came, or the broker said no
+130, 143 a film that a signal (SIGINT, SIGTERM) ended early: what it has can be played
 )";
 
 bool size_from_text(const std::string& text, int& width, int& height) {
@@ -79,6 +81,14 @@ std::string read_style(const RawOptions& raw, Style& style) {
   return {};
 }
 
+/// Before anything is read or connected.
+Result<void> check_outputs(const ClientOptions& options) {
+  for (const std::string* path : {&options.json, &options.screenshot, &options.record, &options.record_shown}) {
+    if (const auto writable = *path == "-" ? Result<void>() : check_output_file(*path); !writable) return writable;
+  }
+  return options.out.empty() ? Result<void>() : check_output_folder(options.out);
+}
+
 ExitNow usage(const std::string& message) {
   std::fprintf(stderr, "eigencast-client: %s\nTry eigencast-client --help\n", message.c_str());
   return {kExitUsage};
@@ -89,7 +99,8 @@ struct Word {
   std::string_view name, usage, does, examples;
 };
 constexpr std::array<Word, 3> kWords{
-    {{"list", "list [URL] [--context NAME] [--token TEXT] [--ca FILE] [--cert FILE --key FILE] [--insecure] [--json FILE]",
+    {{"list",
+      "list [URL] [--context NAME] [--token TEXT] [--ca FILE] [--cert FILE --key FILE] [--insecure] [--json FILE]",
       "Lists the streams of a broker: that of the URL, of the context, of $EIGENCAST_URL, or this machine's. --json "
       "writes them as JSON, to standard output where it is -.",
       "eigencast-client list                           # of this machine's broker\n"
@@ -278,6 +289,8 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   if (!size_from_text(raw.size, options.width, options.height))
     return wrong("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   if (const std::string complaint = read_style(raw, options.style); !complaint.empty()) return wrong(complaint);
+  if (!options.screenshot.empty() && !options.screenshot.ends_with(".png"))
+    return wrong("--screenshot " + options.screenshot + ": it is a PNG file; give a name that ends in .png");
   if (line.has("--film")) {
     const auto target = FilmTarget::from_path(raw.film);
     if (!target) return in_context("--film", target.error());
@@ -358,6 +371,8 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   if (const auto documents = write_completion(line.app(), options.scene.streams)) return *documents;
   if (const std::string fault = fault_of_numbers(line.app()); !fault.empty()) return usage(fault);
   if (const Result<void> good = interpret(line, raw, options); !good) return usage(good.error().message);
+  if (const Result<void> writable = check_outputs(options); !writable)
+    return std::fprintf(stderr, "eigencast-client: %s\n", writable.error().message.c_str()), ExitNow{kExitFailed};
   return options;
 }
 

@@ -57,7 +57,13 @@ struct ClientOptions {
   double memory_mb = 0;  ///< For what brokers send; 0: three quarters of what is free.
 };
 
-enum ExitCode : int { kExitGood = 0, kExitFailed = 1, kExitUsage = 2, kExitNoStream = 4 };
+enum ExitCode : int {
+  kExitGood = 0,
+  kExitFailed = 1,
+  kExitUsage = 2,
+  kExitNoStream = 4,
+  kExitStopped = 128,  ///< And the signal's number.
+};
 
 /// Prints help to stdout and usage errors to stderr.
 std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv);

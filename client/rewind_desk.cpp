@@ -7,6 +7,7 @@
 #include <cstdlib>
 
 #include "client/clip_player.h"
+#include "client/hud_text.h"
 #include "common/wire/limits.h"
 
 namespace eigencast {
@@ -121,7 +122,10 @@ void RewindDesk::advance(std::span<PoseSource* const> sources, const Scene& scen
   edge_us_ = kept.now_at(now_us);
   hear(source, kept, now_us);
   const SurfaceView* view = view_of(scene, static_cast<std::size_t>(lead - sources.begin()));
-  if (begin_) go(edge_us_ - std::llround(1e6 * *std::exchange(begin_, std::nullopt)));
+  if (begin_) {
+    notice_ = text_from_short_past(kept, edge_us_, *begin_);
+    go(edge_us_ - std::llround(1e6 * *std::exchange(begin_, std::nullopt)));
+  }
   const bool is_on_its_way = wanted_ || asked_;
   if (!is_past_ && !motion_.paused) at_us_ = edge_us_ - (view != nullptr ? view->playout().delay_us() : 0);
   if (is_past_ && !is_on_its_way && !holds_) at_us_ = past_of(source, view).value_or(at_us_);

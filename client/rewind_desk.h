@@ -50,6 +50,9 @@ class RewindDesk {
   /// Why something was not done; empty: nothing since the last call.
   std::string take_trouble() { return std::exchange(trouble_, {}); }
 
+  /// That begin() went to less long ago than it was to; empty: nothing since the last call.
+  std::string take_notice() { return std::exchange(notice_, {}); }
+
   /// Changes with what the user does, and every two seconds while it plays.
   const Led& led() const { return led_; }
   /// REQUIRES: bar().
@@ -89,7 +92,7 @@ class RewindDesk {
   int steps_ = 0;  ///< Poses to go on, once there is an answer.
   TimeUs sent_us_ = 0, asked_kept_us_ = 0, led_us_ = 0;
   Led led_;
-  std::string trouble_;
+  std::string trouble_, notice_;
 };
 
 }  // namespace eigencast

@@ -114,7 +114,9 @@ class Viewer final : public WindowListener {
     session_->scene().set_paused(rewind.bar() ? rewind.holds() : state_.paused);
     session_->scene().set_playout(playout());
     session_->scene().set_shading(state_.style);
-    if (const std::string trouble = rewind.take_trouble(); !trouble.empty()) say(trouble, true);
+    for (const std::string& text : {rewind.take_notice(), rewind.take_trouble()}) {
+      if (!text.empty()) say(text, true);
+    }
     const bool poses = session_->update(redraw_ > 0 ? std::chrono::milliseconds(0) : kIdleWait, camera_);
     const TimeUs now = steady_now_us();
     point(now);

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "client/apps.h"
 #include "client/film_plan.h"
@@ -331,7 +332,8 @@ TEST_F(Films, VideosHoldEveryPicture) {
 
 TEST_F(Films, FailuresLeaveNothingBehind) {
   EXPECT_EQ(film("none/film.mp4", 60), kExitFailed);
-  EXPECT_EQ(film("none/%d.png", 60), kExitFailed);
+  std::ofstream(folder_.file("file")) << "x";
+  EXPECT_EQ(film("file/%d.png", 60), kExitFailed) << "no folder can be made there";
   options_.width = 321;
   EXPECT_EQ(film("odd.mp4", 60), kExitFailed);
   options_.width = 320;
@@ -353,8 +355,20 @@ TEST_F(Films, FailuresLeaveNothingBehind) {
 
 TEST_F(Films, StoppedBeforeTheFirstPictureIsNoFilm) {
   stop_.store(true);
-  EXPECT_EQ(film("film_%d.png", 60), kExitGood);
+  EXPECT_EQ(film("film_%d.png", 60), kExitStopped);
   EXPECT_TRUE(pictures("film_").empty());
+}
+
+TEST_F(Films, StoppedEarlyIsToldFromAWholeOne) {
+  options_.film = FilmOptions{FilmTarget::from_path(folder_.file("new/film_%d.png")).value(), 60, 1000};
+  std::thread stopper([&] {
+    while (!std::filesystem::exists(folder_.file("new/film_3.png")))
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    stop_.store(true);
+  });
+  EXPECT_EQ(run_film(options_, stop_, {}), kExitStopped);
+  stopper.join();
+  EXPECT_GE(pictures("new/film_").size(), 3u) << "what was drawn is there, in a folder that was made";
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <set>
 
@@ -123,6 +124,8 @@ TEST(Options, ViewTakesFilesAndShapes) {
   std::ofstream(mesh) << "v 0 0 0\n";
   const auto view = std::get<ClientOptions>(parsed({"view", "heart", mesh.c_str(), "a/*.obj", "--lod", "0.5"}));
   EXPECT_EQ(view.scene.streams, (std::vector<std::string>{"file:heart", "file:" + mesh, "file:a/*.obj"}));
+  for (const char* stream : {"http://h/a", "ws://h/a"})
+    EXPECT_EQ(std::get<ExitNow>(parsed({"view", stream})).code, kExitUsage) << stream;
   for (const char* missing : {"nosuchdir", "a/nosuchdir", "none.obj"}) {
     ::testing::internal::CaptureStderr();
     EXPECT_EQ(std::get<ExitNow>(parsed({"view", missing})).code, kExitUsage) << missing;
@@ -153,12 +156,14 @@ TEST(Options, ExistingPathsAreFilesOtherWordsStreams) {
   EXPECT_EQ(streams(folder.path().string()), Streams{"file:" + folder.path().string()}) << "a folder";
   EXPECT_EQ(streams(folder.file("*.obj")), Streams{"file:" + folder.file("*.obj")}) << "a glob";
   EXPECT_EQ(streams("file:" + mesh), Streams{"file:" + mesh});
+  EXPECT_EQ(clip_in(streams("FILE://" + mesh).front()), mesh);
   EXPECT_EQ(streams("host/a"), Streams{"host/a"});
   EXPECT_EQ(streams("host/a?rate=raw"), Streams{"host/a?rate=raw"});
   EXPECT_EQ(streams("[::1]:7490/a"), Streams{"[::1]:7490/a"});
   EXPECT_EQ(streams(scene), (Streams{"file:heart", "ws://h/a"}));
   for (const std::string& missing :
-       {folder.file("none.obj"), std::string("none.ply"), std::string("./none"), folder.file("none")})
+       {folder.file("none.obj"), std::string("none.ply"), std::string("./none"), folder.file("none"),
+        "file://" + folder.file("none.obj"), "file://elsewhere" + mesh})
     EXPECT_EQ(std::get<ExitNow>(parsed({missing.c_str()})).code, kExitUsage) << missing;
 }
 
@@ -185,6 +190,9 @@ TEST(Options, ListNamesABroker) {
   for (const auto& wrong : std::vector<std::vector<const char*>>{
            {"list", "a", "b"}, {"list", "--headless"}, {"list", "host:81/a"}, {"list", "http://host/foo"}})
     EXPECT_EQ(std::get<ExitNow>(parsed(wrong)).code, kExitUsage);
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder.file("a.obj")) << "v 0 0 0\n";
+  EXPECT_EQ(std::get<ExitNow>(parsed({"list", folder.file("a.obj").c_str()})).code, kExitUsage);
   ::setenv("EIGENCAST_URL", "http://host:82/", 1);
   EXPECT_EQ(home({"list"}), "ws://host:82 ");
   EXPECT_EQ(home({"list", "host:81"}), "ws://host:81 ");
@@ -283,6 +291,16 @@ TEST(Options, OptionsThatWouldDoNothingAreRefused) {
       {"--playout", "estimate", "--ahead", "9"}};
   for (const auto& arguments : useful)
     EXPECT_TRUE(std::holds_alternative<ClientOptions>(parsed(arguments))) << arguments.back();
+}
+
+TEST(Options, ResultsThatCannotBeWrittenAreFoundAtOnce) {
+  const testing::TemporaryFolder folder;
+  for (const char* option : {"--screenshot", "--json", "--record", "--record-shown"})
+    EXPECT_EQ(std::get<ExitNow>(parsed({"view", "heart", option, folder.file("none/a.png").c_str()})).code, kExitFailed)
+        << option;
+  EXPECT_EQ(std::get<ExitNow>(parsed({"view", "heart", "--screenshot", folder.file("a.jpg").c_str()})).code,
+            kExitUsage);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
 TEST(Options, TheEnvironmentIsNotRefusedWhereItDoesNothing) {

@@ -64,7 +64,7 @@ TEST(HudText, SaysWhatWasLoweredAndWhy) {
 
 TEST(HudText, LinesDependOnWhatIsKnown) {
   HudFigures f;
-  EXPECT_EQ(hud_lines(f).size(), 4u);
+  EXPECT_EQ(hud_lines(f).size(), 3u);
   f.received = true;
   EXPECT_EQ(hud_lines(f).size(), 5u) << "what is played here has no connection";
   f.shown = "live";
