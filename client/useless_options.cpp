@@ -93,18 +93,18 @@ Result<void> check_uses(const CommandLine& line, const RawOptions& raw, const Cl
   for (const std::string& option : given) {
     const Use* use = use_of(option);
     if (use == nullptr || (use->where & here) == 0)
-      return refused(option, "is for " + words_from(use == nullptr ? 0 : use->where), use == nullptr ? "" : use->instead);
+      return refused(option, "is for " + words_from(use == nullptr ? 0 : use->where),
+                     use == nullptr ? "" : use->instead);
     if (use->of == Of::kBrokers && files_only)
-      return refused(option, "is for streams of brokers",
-                     use->instead.empty() ? "files are read here" : use->instead);
+      return refused(option, "is for streams of brokers", use->instead.empty() ? "files are read here" : use->instead);
     if (use->of == Of::kFiles && no_files) return refused(option, "is for files", use->instead);
   }
   const bool numbers = shows_numbers(options.style.colour);
   const bool unwritten = headless && options.out.empty() && options.screenshot.empty();
   const bool plain = !is_tls(options.home.url) && !is_tls(options.compare) && std::ranges::none_of(streams, is_tls);
   const Style& style = options.style;
-  const bool unknown_truth = options.truth.empty() && options.compare.empty() &&
-                             (no_files || (streams.empty() && options.headless));
+  const bool unknown_truth =
+      options.truth.empty() && options.compare.empty() && (no_files || (streams.empty() && options.headless));
   const struct {
     std::vector<const char*> options;
     bool useless;

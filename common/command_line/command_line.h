@@ -73,7 +73,8 @@ inline constexpr const char* kCredentialsGroup = "Who you are";
 /// manual pages are made from it. Call before adding commands.
 void add_help_all(CLI::App& app);
 
-/// The options that the command line itself gave to a command, which the environment did not. REQUIRES: `app` has parsed.
+/// The options that the command line itself gave to a command, which the environment did not.
+/// REQUIRES: `app` has parsed.
 std::vector<std::string> given_in(const CLI::App& app);
 
 /// What is wrong with numbers that a command line gave and CLI11 takes: "nan" lies in no range, and in every one by its
