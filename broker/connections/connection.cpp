@@ -315,7 +315,7 @@ void Connection::on_broken(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::count_unfinished() {
-  const std::size_t in_kernel = paused_ ? transport_.unread() : 0;
+  const std::size_t in_kernel = paused_ && !transport_.is_wide() ? transport_.unread() : 0;
   const std::size_t bytes = reader_.held_bytes() + unread_.capacity() + unread_answers() + in_kernel;
   if (bytes == unfinished_bytes_) return;
   unfinished_bytes_ = bytes;

@@ -170,7 +170,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   void begin_body() {
     if (const auto held = store(held_, grant_.hold_bytes(2 * kChunkBytes)); !held) return fail_with(held.error());
     chunk_.resize(kChunkBytes);
-    connection_->transport().widen_receive_buffer();
+    connection_->widen_receive_buffer();
     if (::strcasecmp(connection_->header("Expect").c_str(), "100-continue") != 0) return read_body();
     static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
     connection_->send(kContinue, {}, [self = shared_from_this()] { self->read_body(); });

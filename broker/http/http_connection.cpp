@@ -431,6 +431,12 @@ void HttpConnection::widen() {
   transport_.limit_send_buffer(buffer_for(kWideBytes));
 }
 
+void HttpConnection::widen_receive_buffer() {
+  std::shared_ptr<void> held;
+  (void)store(held, hold_bytes(Transport::kWideBytes, kWidePart));
+  transport_.widen_receive_buffer(std::move(held));
+}
+
 void HttpConnection::send_rest(const std::shared_ptr<Outgoing>& out) {
   const auto send_piece = [self = shared_from_this(), out](std::string_view piece) {
     out->left -= piece.size();

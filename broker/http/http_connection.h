@@ -112,6 +112,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void disarm() { timer_.cancel(); }
   /// Calls `then` after `wait_us`, until when nothing times out; at once if that is 0.
   void later(TimeUs wait_us, std::function<void()> then);
+  /// For who sends much: as wide as its holder has memory for.
+  void widen_receive_buffer();
   /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
   /// At once, whatever the peer has not taken yet.

@@ -247,7 +247,7 @@ class HttpSession final : public HttpConnection {
     if (has_unread_answer()) return answer_limit("read the answers to the requests before this one first");
 #ifdef EIGENCAST_TEST_ENDPOINTS
     if (echoes) {
-      transport().widen_receive_buffer();
+      widen_receive_buffer();
       disarm();
       return std::make_shared<Echo>(context(), std::move(transport()), std::move(grant_))
           ->start(websocket::upgrade_answer(header("Sec-WebSocket-Key"), {}, "eigencast-broker"));
@@ -301,7 +301,7 @@ class HttpSession final : public HttpConnection {
   void publish(const std::string& stream) {
     const auto taken = grant_->take(Resource::kPublisher);
     if (!taken) return answer_limit(taken.error().message);
-    transport().widen_receive_buffer();
+    widen_receive_buffer();
     disarm();
     std::string answer = upgrade_answer();
     std::make_shared<Publisher>(context(), std::move(transport()), std::move(grant_), stream)->start(std::move(answer));

@@ -4,7 +4,25 @@
 #include <boost/asio/ip/address.hpp>
 #include <utility>
 
+#include "broker/sockets/kernel_buffer.h"
+#include "broker/sockets/transport.h"
+
 namespace eigencast::broker {
+namespace {
+
+// The kernel doubles it.
+const asio::socket_base::receive_buffer_size kReceiveOption(Transport::kReceiveBytes / 2);
+
+/// Connections begin with what it has. A fixed size would allow none of them a window of more than 64 KiB, whatever
+/// they get later: its scale (RFC 7323) is said once, as they begin.
+void narrow(Acceptor& acceptor) {
+  if (!fix_buffer(acceptor.native_handle(), KernelBuffer::kReceive, false)) return;
+  ErrorOf ignored;
+  acceptor.set_option(kReceiveOption, ignored);
+  (void)fix_buffer(acceptor.native_handle(), KernelBuffer::kReceive, false);
+}
+
+}  // namespace
 
 Listener::Listener(asio::io_context& loop, LogSink log, OnConnection on_connection)
     : loop_(loop),
@@ -18,7 +36,7 @@ Result<void> Listener::open(const Address& address) {
   const Tcp::endpoint endpoint(asio::ip::make_address(address.host, error), address.port);
   if (!error) acceptor_.open(endpoint.protocol(), error);
   if (!error) acceptor_.set_option(asio::socket_base::reuse_address(true), error);
-  if (!error) acceptor_.set_option(asio::socket_base::receive_buffer_size(kReceiveBytes), error);
+  if (!error) narrow(acceptor_);
   if (!error) acceptor_.bind(endpoint, error);
   if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
   if (error) {
@@ -37,7 +55,7 @@ Result<void> Listener::adopt(int listening) {
   ErrorOf error;
   const bool known = ::getsockname(listening, reinterpret_cast<sockaddr*>(&address), &length) == 0;
   if (known) acceptor_.assign(address.ss_family == AF_INET6 ? Tcp::v6() : Tcp::v4(), listening, error);
-  if (known && !error) acceptor_.set_option(asio::socket_base::receive_buffer_size(kReceiveBytes), error);
+  if (known && !error) narrow(acceptor_);
   if (!known || error) {
     return fail(ErrorCode::kUnreachable, "the socket that was handed over cannot be used: " + error.message());
   }
@@ -57,6 +75,7 @@ void Listener::accept() {
     if (!acceptor_.is_open()) return;
     if (!error) {
       accept();  // First, so that accepting continues even if the handler throws.
+      socket.set_option(kReceiveOption, error);
       return on_connection_(std::move(socket));
     }
     if (error == asio::error::operation_aborted) return;

@@ -13,10 +13,6 @@ namespace eigencast::broker {
 /// Accepts connections on one address. Belongs to its event loop; destroy it after the loop has ended.
 class Listener {
  public:
-  /// What the kernel keeps of what comes, before it is read, times two: handshakes, requests and viewers need no
-  /// more, and a crowd that is read later must not fill its memory.
-  static constexpr int kReceiveBytes = 16 * 1024;
-
   using OnConnection = std::function<void(Socket)>;
 
   Listener(asio::io_context& loop, LogSink log, OnConnection on_connection);

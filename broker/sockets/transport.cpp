@@ -14,6 +14,7 @@
 #include <cerrno>
 #include <cstring>
 
+#include "broker/sockets/kernel_buffer.h"
 #include "broker/sockets/peer_window.h"
 #include "common/core/bytes.h"
 
@@ -41,21 +42,6 @@ void count_records(int is_sent, int, int type, const void*, std::size_t, SSL* tl
   if (is_handshake && counts % kRecord <= kMaxHandshakeMessages) ++counts;
   SSL_set_app_data(tls, reinterpret_cast<void*>(counts));
   if (counts % kRecord > kMaxHandshakeMessages) SSL_set_shutdown(tls, SSL_RECEIVED_SHUTDOWN);
-}
-
-constexpr int kSendLock = 1, kReceiveLock = 2;  // Of linux/socket.h.
-
-/// The size of a buffer is the kernel's choice again. False: before Linux 5.14 what was set once stays.
-bool unlock_buffer(Socket& socket, int which) {
-#ifdef SO_BUF_LOCK
-  int locks = 0;
-  socklen_t size = sizeof locks;
-  if (::getsockopt(socket.native_handle(), SOL_SOCKET, SO_BUF_LOCK, &locks, &size) != 0) return false;
-  locks &= ~which;
-  return ::setsockopt(socket.native_handle(), SOL_SOCKET, SO_BUF_LOCK, &locks, sizeof locks) == 0;
-#else
-  return false;
-#endif
 }
 
 /// The first bytes of all pieces in one span; copies only if there are several pieces.
@@ -98,7 +84,10 @@ Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
 }
 
 Transport::Transport(asio::io_context& loop, Transport other)
-    : socket_(loop.get_executor()), tls_(std::move(other.tls_)), tls_failed_(other.tls_failed_) {
+    : socket_(loop.get_executor()),
+      tls_(std::move(other.tls_)),
+      tls_failed_(other.tls_failed_),
+      wide_(std::move(other.wide_)) {
   ErrorOf error;
   const Tcp protocol = other.socket_.local_endpoint(error).protocol();
   const int socket = other.socket_.release(error);
@@ -227,10 +216,28 @@ std::size_t Transport::unread() {
   return gone ? 0 : bytes;
 }
 
-void Transport::widen_receive_buffer() {
+void Transport::widen_receive_buffer(std::shared_ptr<void> held) {
+  if (wide_) return;
+  wide_ = std::move(held);
+  const int most = wide_ ? kWideBytes : kSenderBytes;
   ErrorOf ignored;
-  if (unlock_buffer(socket_, kReceiveLock)) return;
-  socket_.set_option(Socket::receive_buffer_size(1024 * 1024), ignored);
+  const int socket = socket_.native_handle();
+  bool grows = fix_buffer(socket, KernelBuffer::kReceive, false);
+  if (grows) {
+    // SO_RCVBUF allows no more than net.core.rmem_max, mostly 208 KiB. This makes room for a window, whose memory
+    // depends on the packets that came.
+    constexpr int kWindow = 2 * kReceiveBytes;
+    socket_.set_option(Socket::receive_low_watermark(kWindow), ignored);
+    Socket::receive_buffer_size size;
+    socket_.get_option(size, ignored);
+    grows = !ignored && size.value() <= most;
+    const int window = grows ? static_cast<int>(std::int64_t{most} * kWindow / size.value()) : 1;
+    socket_.set_option(Socket::receive_low_watermark(window), ignored);
+    socket_.set_option(Socket::receive_low_watermark(1), ignored);
+  }
+  if (grows) return void(fix_buffer(socket, KernelBuffer::kReceive, true));
+  socket_.set_option(Socket::receive_buffer_size(most / 2), ignored);
+  socket_.set_option(asio::detail::socket_option::integer<IPPROTO_TCP, TCP_WINDOW_CLAMP>(most / 2), ignored);
 }
 
 void Transport::limit_unsent(int bytes) {
@@ -241,7 +248,7 @@ void Transport::limit_unsent(int bytes) {
 void Transport::limit_send_buffer(int bytes) {
   ErrorOf ignored;
   if (bytes > 0) return void(socket_.set_option(Socket::send_buffer_size(bytes), ignored));
-  (void)unlock_buffer(socket_, kSendLock);
+  (void)fix_buffer(socket_.native_handle(), KernelBuffer::kSend, false);
 }
 
 }  // namespace eigencast::broker

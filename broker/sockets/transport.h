@@ -81,13 +81,23 @@ class Transport {
   /// Closes so that the kernel keeps nothing of what the peer has not taken.
   void reset();
 
-  // What the kernel holds of what was written.
+  // What the kernel holds.
 
   std::size_t unacknowledged();       ///< Bytes that the peer has not acknowledged.
   void limit_unsent(int bytes);       ///< Beyond what is on its way (TCP_NOTSENT_LOWAT). 0: as the system says.
   void limit_send_buffer(int bytes);  ///< In all (SO_SNDBUF): twice that, and a segment. 0: the kernel's choice.
   std::size_t unread();               ///< Bytes that have come and wait to be read.
-  void widen_receive_buffer();        ///< Beyond what Listener::kReceiveBytes leaves it: for who may send much.
+  /// From kReceiveBytes, for who may send much: with a round trip of 100 ms some 10 MB a second, where `held` counts
+  /// kWideBytes, which stay for the connection; null: to kSenderBytes.
+  void widen_receive_buffer(std::shared_ptr<void> held);
+  bool is_wide() const { return wide_ != nullptr; }
+
+  // Its memory for what comes until it is read, some of it its own: half to nearly all is left for bytes.
+
+  /// Handshakes, requests and viewers need no more, and a crowd that is read later must not fill its memory.
+  static constexpr int kReceiveBytes = 32 * 1024;
+  static constexpr int kSenderBytes = 128 * 1024;
+  static constexpr int kWideBytes = 2 * 1024 * 1024;
 
   template <typename Handler>
   void async_wait(Wait wait, Handler&& handler) {
@@ -150,6 +160,7 @@ class Transport {
   std::unique_ptr<SSL, FreeTls> tls_;
   std::size_t held_ = 0;
   bool tls_failed_ = false;
+  std::shared_ptr<void> wide_;
 };
 
 }  // namespace eigencast::broker

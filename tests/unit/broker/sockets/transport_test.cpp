@@ -2,12 +2,17 @@
 #include "broker/sockets/transport.h"
 
 #include <gtest/gtest.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
 
 #include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
 #include <chrono>
+#include <memory>
+#include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "broker/sockets/listener.h"
@@ -73,31 +78,83 @@ std::size_t taken(Socket& peer) {
   return bytes;
 }
 
-TEST(ListenerTest, WhatIsNotReadFillsNoMemory) {
-  asio::io_context loop;
-  std::vector<Transport> accepted;
-  Listener listener(loop, {}, [&](Socket socket) { accepted.emplace_back(std::move(socket)); });
-  ASSERT_TRUE(listener.open({"127.0.0.1", 0}));
-  std::vector<Socket> peers;
-  for (int i = 0; i < 2; ++i) {
-    peers.emplace_back(loop.get_executor()).connect(Tcp::endpoint(asio::ip::address_v4::loopback(), listener.port()));
+class ListenerTest : public ::testing::Test {
+ protected:
+  ~ListenerTest() override { listener_.close(); }
+  void connect() { peer_.connect(Tcp::endpoint(asio::ip::address_v4::loopback(), listener_.port())); }
+  void accept() {
+    while (!accepted_) loop_.run_one();
   }
-  while (accepted.size() < 2) loop.run_one();
-  for (Transport& transport : accepted) transport.limit_send_buffer(0);
-  (void)taken(peers[0]);
-  EXPECT_GT(accepted[0].unread(), 0u);
-  EXPECT_LE(accepted[0].unread(), 2u * Listener::kReceiveBytes);
-  // It grows for who may send much, and is read.
-  accepted[1].widen_receive_buffer();
-  const std::string much(64 << 20, 'x');
-  std::thread sends([&] { asio::write(peers[1], asio::buffer(much)); });
-  std::vector<char> into(much.size());
-  asio::read(accepted[1].socket(), asio::buffer(into));
-  sends.join();
+  void end() {
+    accepted_.reset();
+    peer_.close();
+    listener_.close();
+  }
+
+  asio::io_context loop_;
+  std::optional<Transport> accepted_;
+  Listener listener_{loop_, {}, [this](Socket socket) { accepted_.emplace(std::move(socket)); }};
+  Socket peer_{loop_.get_executor()};
+};
+
+int receive_buffer_of(Transport& transport) {
   Socket::receive_buffer_size size;
-  accepted[1].socket().get_option(size);
-  EXPECT_GT(size.value(), 4 * Listener::kReceiveBytes);
-  listener.close();
+  transport.socket().get_option(size);
+  return size.value();
+}
+
+TEST_F(ListenerTest, WhatIsNotReadFillsNoMemory) {
+  for (const bool accepts_first : {true, false}) {
+    ASSERT_TRUE(listener_.open({"127.0.0.1", 0}));
+    connect();
+    if (accepts_first) accept();
+    (void)taken(peer_);
+    if (!accepts_first) accept();
+    EXPECT_GT(accepted_->unread(), 0u);
+    EXPECT_LE(accepted_->unread(), std::size_t{Transport::kReceiveBytes}) << accepts_first;
+    end();
+  }
+}
+
+/// A window without a scale is 64 KiB at most, so that few bytes come in a round trip, whatever the buffer.
+TEST_F(ListenerTest, WindowsHaveAScale) {
+  const int handed_over = ::socket(AF_INET, SOCK_STREAM, 0);
+  ASSERT_EQ(::listen(handed_over, 1), 0);
+  for (const bool adopts : {false, true}) {
+    ASSERT_TRUE(adopts ? listener_.adopt(handed_over) : listener_.open({"127.0.0.1", 0}));
+    connect();
+    accept();
+    tcp_info info{};
+    socklen_t size = sizeof info;
+    ASSERT_EQ(::getsockopt(accepted_->socket().native_handle(), IPPROTO_TCP, TCP_INFO, &info, &size), 0);
+    EXPECT_GT(info.tcpi_rcv_wscale, 0u);
+    EXPECT_LE(receive_buffer_of(*accepted_), Transport::kReceiveBytes);
+    end();
+  }
+}
+
+/// It grows for who may send much, and no further while that is read.
+TEST_F(ListenerTest, SendersHaveMoreRoomAndALimit) {
+  const std::pair<std::shared_ptr<void>, int> cases[] = {{nullptr, Transport::kSenderBytes},
+                                                         {std::make_shared<int>(), Transport::kWideBytes}};
+  for (const auto& [held, most] : cases) {
+    ASSERT_TRUE(listener_.open({"127.0.0.1", 0}));
+    connect();
+    accept();
+    accepted_->widen_receive_buffer(held);
+    const std::string much(64 << 20, 'x');
+    std::thread sends([&] { asio::write(peer_, asio::buffer(much)); });
+    std::vector<char> into(much.size());
+    asio::read(accepted_->socket(), asio::buffer(into));
+    sends.join();
+    EXPECT_LE(receive_buffer_of(*accepted_), most);
+    EXPECT_GE(receive_buffer_of(*accepted_), most / 2);
+    (void)taken(peer_);
+    EXPECT_GT(accepted_->unread(), std::size_t(most / 4));
+    EXPECT_LE(accepted_->unread(), std::size_t(most) + 64 * 1024) << "and a packet";
+    EXPECT_EQ(accepted_->is_wide(), held != nullptr);
+    end();
+  }
 }
 
 }  // namespace
