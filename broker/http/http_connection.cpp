@@ -38,7 +38,6 @@ constexpr beast::string_view kForwardedPrefix = "X-Forwarded-";
 /// wide for who comes first: with a round trip of 100 ms some 5 MB a second.
 constexpr std::size_t kSegmentBytes = 64 * 1024, kNarrowBytes = 2 * kSegmentBytes, kWideBytes = 1024 * 1024;
 constexpr double kWidePart = 0.5;  ///< Of what its holder may have: the rest is for those who come later.
-constexpr auto kSettleEvery = std::chrono::milliseconds(100);
 /// Twice what sending takes on one core of 2026.
 constexpr double kPieceUs = 5, kPlainBytesPerUs = 2'000, kTlsBytesPerUs = 1'000;
 
@@ -474,7 +473,12 @@ void HttpConnection::settle() {
     return;
   }
   if (!settling_) settling_ = std::make_unique<Timer>(context_.loop.get_executor());
-  run_after(*settling_, kSettleEvery, [self = shared_from_this()] { self->settle(); });
+  settle_us_ = next_settle_us(settle_us_);
+  const TimeUs wait_us = std::max(settle_us_, take_work(kReadUs, kMaxReadWaitUs).value_or(kMaxReadWaitUs));
+  run_after(*settling_, std::chrono::microseconds(wait_us), [self = shared_from_this()] {
+    const auto go = [self] { self->settle(); };
+    if (self->take_turn(kReadUs, 0, go)) go();
+  });
 }
 
 void HttpConnection::end() {
@@ -482,6 +486,7 @@ void HttpConnection::end() {
   ends_ = true;
   transport_.end_writing();
   arm(limits().transfer_ms);
+  settle();
 }
 
 std::string HttpConnection::head_of(HttpStatus status, HttpHeaders headers) {
@@ -529,6 +534,7 @@ void HttpConnection::do_on(DiskThreads& threads, std::function<void()> work, std
 
 void HttpConnection::finish(bool keep) {
   answers_ = false;
+  settle_us_ = 0;
   settle();
   if (keep) return read_head();
   // Half-close, then drain for a while: closing with unread bytes sends a reset, which would discard the answer.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <exception>
 #include <functional>
@@ -47,6 +48,13 @@ using HttpHeaders = std::vector<std::pair<std::string_view, std::string>>;
 
 /// The peer's address; all zeros once it is gone.
 IpAddress peer_of(const Socket& socket);
+
+/// How long to wait before the kernel is asked once more what a peer has acknowledged; 0: it was not asked before. What
+/// the peer has is held twice as long as it took at most, and a connection that stays silent costs next to nothing.
+constexpr TimeUs next_settle_us(TimeUs last_us) {
+  constexpr TimeUs kFirstUs = 100'000, kMostUs = 2'000'000;
+  return last_us == 0 ? kFirstUs : std::min(2 * last_us, kMostUs);
+}
 
 /// One HTTP/1.1 connection: TLS handshake, request heads one after the other, answers, and a close that loses no
 /// answer. Kept alive by its pending operations. Belongs to the first event loop.
@@ -175,6 +183,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void widen();
   void send_rest(const std::shared_ptr<Outgoing>& out);
   void send_in_turn(std::string_view head, std::string_view body, std::function<void()> then);
+  /// Frees what counts an answer, and closes where that was the end, once the peer has all; else asks later, at the
+  /// expense of its holder.
   void settle();
   /// Closes once the peer has taken all, as it sends nothing more.
   void end();
@@ -200,6 +210,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::shared_ptr<void> output_;      ///< Counts that of an answer, here and in the kernel, until the peer has it;
   std::shared_ptr<void> wide_;        ///< and that of a larger send buffer.
   std::unique_ptr<Timer> settling_;
+  TimeUs settle_us_ = 0;  ///< The last wait of it.
   bool is_long_ = false;  ///< The answer may fill the send buffer, and wide_ is not held yet.
   bool answers_ = false;
   bool is_writing_ = false;

@@ -205,9 +205,10 @@ void Transport::reset() {
 }
 
 std::size_t Transport::unacknowledged() {
-  if (!socket_.is_open() || is_reset(socket_.native_handle())) return 0;
   int bytes = 0;
-  return ::ioctl(socket_.native_handle(), SIOCOUTQ, &bytes) == 0 && bytes > 0 ? static_cast<std::size_t>(bytes) : 0;
+  const bool some = socket_.is_open() && ::ioctl(socket_.native_handle(), SIOCOUTQ, &bytes) == 0 && bytes > 0 &&
+                    !is_reset(socket_.native_handle());
+  return some ? static_cast<std::size_t>(bytes) : 0;
 }
 
 std::size_t Transport::unread() {

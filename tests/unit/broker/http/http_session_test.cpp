@@ -10,8 +10,10 @@
 #include <string>
 #include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "broker/http/http_connection.h"
 #include "common/core/clock.h"
 #include "tests/unit/broker/service.h"
 
@@ -281,6 +283,18 @@ TEST_F(HttpSessionTest, DownloadsThatAreNotReadAreChargedAndEndWithAReset) {
   };
   while (under_way()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
   EXPECT_EQ(unread.front()->read_all(), std::nullopt) << "the kernel keeps nothing for it";
+}
+
+TEST(HttpConnection, AnswersThatNobodyTakesAreAskedForEverMoreRarely) {
+  EXPECT_EQ(next_settle_us(0), 100'000) << "soon, for who takes it";
+  int asked = 0;
+  TimeUs wait_us = 0;
+  for (TimeUs now_us = 0; now_us <= 30'000'000; now_us += wait_us) {
+    wait_us = next_settle_us(wait_us);
+    EXPECT_LE(wait_us, 2'000'000);
+    ++asked;
+  }
+  EXPECT_LE(asked, 20) << "in 30 s";
 }
 
 // The kernel says for ever that they are unacknowledged.
