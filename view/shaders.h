@@ -34,6 +34,35 @@ void main() {
 })";
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
+/// Of discs: each in its own plane, so that none is above its neighbours where the surface is not square to the light.
+inline constexpr const char* kDiscShadowVertex = R"(#version 330 core
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 3) in float disc_radius;
+uniform mat4 scene_from_surface, light_from_scene;
+uniform mat3 scene_from_normal, light_turn;  // light_turn: z towards the light
+uniform float discs, px_per_unit, depth_per_unit;
+flat out vec2 slope;
+flat out float depth_per_radius;
+void main() {
+  gl_Position = light_from_scene * (scene_from_surface * vec4(position, 1.0));
+  float r = discs * disc_radius, point_px = max(2.0 * r * px_per_unit, 1.0);
+  vec3 plane = light_turn * (scene_from_normal * normal);
+  plane = dot(plane, plane) > 0.0 ? normalize(plane) : vec3(0.0, 0.0, 1.0);
+  // A grazing disc keeps a texel's width.
+  slope = -plane.xy / (max(abs(plane.z), max(0.25, 1.5 / (point_px + 1.5))) * (plane.z < 0.0 ? -1.0 : 1.0));
+  depth_per_radius = r * depth_per_unit;
+  gl_PointSize = point_px;
+})";
+inline constexpr const char* kDiscShadowFragment = R"(#version 330 core
+flat in vec2 slope;
+flat in float depth_per_radius;
+void main() {
+  vec2 disc = vec2(2.0, -2.0) * (gl_PointCoord - 0.5);
+  float above = dot(disc, slope);
+  if (dot(disc, disc) + above * above > 1.0) discard;
+  gl_FragDepth = gl_FragCoord.z - depth_per_radius * above;
+})";
 
 /// Before the loops of kLighting: none where the least and the greatest depth of all their texels say the same.
 inline constexpr const char* kShadowRange = R"(
@@ -282,7 +311,9 @@ flat out vec4 facing;
 flat out vec3 base;
 void main() {
   vec3 at = place(), n = transpose(mat3(view_from_scene)) * plane;
-  float key = dot(n, key_light) > 0.0 ? lit_by_key(at + 2.5 * normal_offset * n, 0.002, 2.0) : 0.0;
+  // Above what its neighbours reach, which lie across a bent surface, too.
+  float off = 2.5 * normal_offset + 0.3 * r;
+  float key = dot(n, key_light) > 0.0 ? lit_by_key(at + off * n, 0.002, 2.0) : 0.0;
   facing = vec4(plane.xy, key, 1.0);
   base = base_from_paint(vertex_paint, n, albedo);
 })";

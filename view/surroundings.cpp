@@ -19,6 +19,8 @@ namespace {
 
 constexpr float kReach = 2.2F;  // of the shadow map, in radii: a deforming surface leaves its rest box
 constexpr int kSquare = 8;      // texels of the shadow map in one of its range, along each side
+/// Of points without discs, in spacings: from the light, where sprites that face it are not above their neighbours.
+constexpr float kSpriteBehind = 2;
 constexpr glm::vec3 kClay{0.70F, 0.185F, 0.115F};
 constexpr glm::vec3 kClayInside{0.34F, 0.21F, 0.18F};
 
@@ -40,6 +42,8 @@ std::string lighting_by_range() {
 
 Result<void> Lighting::init() {
   auto built = shadow_.build("shadow", {shaders::kShadowVertex, {}, shaders::kShadowFragment});
+  if (built)
+    built = disc_shadow_.build("discs' shadow", {shaders::kDiscShadowVertex, {}, shaders::kDiscShadowFragment});
   if (built) built = range_of_.build("shadow's range", {shaders::kScreenVertex, {}, shaders::kShadowRangeFragment});
   if (!built) return built;
   glBindTexture(GL_TEXTURE_2D, range_.id());
@@ -63,8 +67,8 @@ void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurf
   const glm::vec3 centre = camera.scene_centre(), up = camera.up_vector();
   const float reach = kReach * camera.scene_radius();
   const glm::vec3 beside = std::abs(glm::dot(key_, up)) > 0.99F ? glm::vec3(up.y, up.z, up.x) : up;
-  light_from_scene_ = glm::ortho(-reach, reach, -reach, reach, 0.0F, 4 * reach) *
-                      glm::lookAt(centre + 2 * reach * key_, centre, beside);
+  const glm::mat4 light = glm::lookAt(centre + 2 * reach * key_, centre, beside);
+  light_from_scene_ = glm::ortho(-reach, reach, -reach, reach, 0.0F, 4 * reach) * light;
   casters_.emplace();
   for (const auto& surface : surfaces) {
     if (!surface->drawable() || !casters_) continue;
@@ -95,13 +99,26 @@ void Lighting::cast(const Camera& camera, std::span<const std::unique_ptr<GlSurf
   glClear(GL_DEPTH_BUFFER_BIT);
   glEnable(GL_DEPTH_TEST);
   glEnable(GL_PROGRAM_POINT_SIZE);
-  shadow_.use();
-  shadow_.set("light_from_scene", light_from_scene_);
+  const float px_per_unit = static_cast<float>(side) / (2 * reach);
+  disc_shadow_.use();
+  disc_shadow_.set("light_from_scene", light_from_scene_);
+  disc_shadow_.set("light_turn", glm::mat3(light));
+  disc_shadow_.set("px_per_unit", px_per_unit);
+  disc_shadow_.set("depth_per_unit", 1 / (4 * reach));
   for (const auto& surface : surfaces) {
-    if (!surface->drawable()) continue;
+    if (!surface->drawable() || !surface->is_point_cloud() || !surface->has_discs()) continue;
+    disc_shadow_.set("discs", surface->scale());
+    surface->bind(disc_shadow_);
+    surface->draw_points();
+  }
+  shadow_.use();
+  for (const auto& surface : surfaces) {
+    if (!surface->drawable() || (surface->is_point_cloud() && surface->has_discs())) continue;
     surface->bind(shadow_);
+    const float behind = surface->is_point_cloud() ? kSpriteBehind * surface->spacing() : 0;
+    shadow_.set("light_from_scene", glm::translate(light_from_scene_, -behind * key_));
     if (surface->is_point_cloud()) {
-      shadow_.set("point_px", std::max(1.0F, surface->spacing() * static_cast<float>(side) / reach));
+      shadow_.set("point_px", std::max(1.0F, 2 * surface->spacing() * px_per_unit));
       surface->draw_points();
     } else {
       surface->draw_front_triangles();

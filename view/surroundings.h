@@ -37,7 +37,7 @@ class Lighting final {
   static constexpr GLuint kRangeUnit = 5;  // lower ones: shadow map, colour table, images
   void find_range();
 
-  GlProgram shadow_, range_of_;
+  GlProgram shadow_, disc_shadow_, range_of_;
   GlTexture shadows_, range_;
   GlFramebuffer framebuffer_, range_framebuffer_;
   GlArray none_;

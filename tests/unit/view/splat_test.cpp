@@ -4,8 +4,11 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <glm/geometric.hpp>
+#include <random>
 
 #include "common/surface/shapes/shapes.h"
+#include "common/surface/vector.h"
 #include "sdk/bake.h"
 #include "tests/unit/view/baked_heart.h"
 #include "tests/unit/view/fake_source.h"
@@ -188,6 +191,136 @@ TEST_F(SplatPictures, DiscsHaveNoEdges) {
     }
     ASSERT_GT(within, 5000);
     EXPECT_LT(edges, 0.005 * within) << fraction;
+  }
+}
+
+/// Evenly spread over the unit sphere.
+std::vector<glm::vec3> directions(int count) {
+  std::vector<glm::vec3> all;
+  for (int i = 0; i < count; ++i) {
+    const float z = 1 - (2 * static_cast<float>(i) + 1) / static_cast<float>(count), a = 2.3999632F * i;
+    all.push_back(glm::vec3(std::cos(a), std::sin(a), 0) * std::sqrt(1 - z * z) + glm::vec3(0, 0, z));
+  }
+  return all;
+}
+
+/// Points at random on the unit sphere, baked: normals and radii are found, not given.
+const Asset& random_sphere() {
+  static const Asset asset = [] {
+    std::mt19937 random(5);
+    std::normal_distribution<double> normal;
+    Surface surface;
+    for (int i = 0; i < 2000; ++i) {
+      const Vec3 at{normal(random), normal(random), normal(random)};
+      surface.positions.push_back(unit(at));
+    }
+    BakeOptions options;
+    options.rank = 20;
+    auto result = bake(surface, options);
+    EXPECT_TRUE(result);
+    return std::move(result->asset);
+  }();
+  return asset;
+}
+
+class CloudShadows : public SplatPictures {
+ protected:
+  /// Towards the key light (Lighting::cast).
+  glm::vec3 key() const {
+    const glm::vec3 up = camera_.up_vector(), back = glm::normalize(camera_.position() - camera_.target());
+    const glm::vec3 side = glm::normalize(glm::cross(up, back));
+    return glm::normalize(-0.62F * side + 1.15F * up + 0.62F * glm::cross(side, up));
+  }
+  /// How much of the light is gone with the shadow, of 255, where that point of the scene is seen.
+  int darker_at(const glm::vec3& point) const {
+    const glm::vec2 at = camera_.pixel_from_scene(point).value();
+    const auto x = static_cast<int>(at.x), y = static_cast<int>(at.y);
+    return int{without_.pixel(x, y)[0]} - int{with_.pixel(x, y)[0]};
+  }
+  void draw(const SurfaceGeometry& geometry) {
+    renderer_->upload(0, geometry);
+    RenderOptions options;
+    with_ = renderer_->picture(camera_, options, kWidth, kHeight).value();
+    options.quality.shadow = ShadowQuality::kNone;
+    without_ = renderer_->picture(camera_, options, kWidth, kHeight).value();
+    if (const char* folder = std::getenv("EIGENCAST_TEST_PICTURES")) {
+      const std::string name = std::string(folder) + "/shadow_" + std::to_string(geometry.vertex_count());
+      EXPECT_TRUE(write_png(name + ".png", with_));
+      EXPECT_TRUE(write_png(name + "_without.png", without_));
+    }
+  }
+  /// Of the unit sphere's side that eye and light see, the light at less than that cosine: the share that is darker.
+  double dark_share(float least_cosine) const {
+    double lit = 0, dark = 0;
+    for (const glm::vec3& n : directions(4000)) {
+      if (glm::dot(n, key()) < least_cosine || glm::dot(n, glm::normalize(camera_.position() - n)) < 0.3F) continue;
+      ++lit;
+      dark += darker_at(n) > 5;
+    }
+    EXPECT_GT(lit, 500);
+    return dark / lit;
+  }
+  Picture with_, without_;
+};
+
+TEST_F(CloudShadows, ARoundCloudHasNoneOnItsLitSide) {
+  for (const double fraction : {1.0, 0.3, 0.1, 0.05}) {
+    FakeSource source(random_sphere());
+    SurfaceView view(ShownHeart::options(fraction));
+    view.receive(source, {});
+    ASSERT_TRUE(testing::advance(view, source, 0));
+    ASSERT_FALSE(view.geometry().radii.empty());
+    frame(view.facts());
+    draw(view.geometry());
+    EXPECT_LT(dark_share(0.2F), 0.03) << fraction;
+  }
+}
+
+TEST_F(CloudShadows, NorHasOneWithoutDiscs) {
+  FakeSource source(testing::sphere_asset(5, true));
+  for (const double fraction : {1.0, 0.1}) {
+    SurfaceView view(ShownHeart::options(fraction));
+    view.receive(source, {});
+    ASSERT_TRUE(testing::advance(view, source, 0));
+    ASSERT_TRUE(view.geometry().radii.empty());
+    frame(view.facts());
+    draw(view.geometry());
+    EXPECT_LT(dark_share(0.5F), 0.03) << fraction;
+  }
+}
+
+// The shadow of a ball of points on points below has no holes and does not spread.
+TEST_F(CloudShadows, ABallCastsOneOnPointsBelow) {
+  camera_.set_scene({-2, -1, -2}, {2, 1, 2});
+  for (const int along : {24, 48, 96}) {
+    SurfaceGeometry geometry;
+    geometry.is_point_cloud = true;
+    geometry.maker = static_cast<std::uint64_t>(along);
+    geometry.pose_version = geometry.level_version = 1;
+    const float spacing = 4.0F / static_cast<float>(along);
+    geometry.point_spacing = spacing;
+    const auto add = [&](const glm::vec3& at, const glm::vec3& n) {
+      geometry.positions.insert(geometry.positions.end(), {at.x, at.y, at.z});
+      geometry.normals.insert(geometry.normals.end(), {n.x, n.y, n.z});
+      geometry.radii.push_back(0.9F * spacing);
+    };
+    for (int i = 0; i <= along; ++i) {
+      for (int j = 0; j <= along; ++j)
+        add({spacing * static_cast<float>(i) - 2, -1, spacing * static_cast<float>(j) - 2}, {0, 1, 0});
+    }
+    const float radius = 0.5F;
+    const glm::vec3 centre(-0.3F, 0.5F, 0.8F);
+    for (const glm::vec3& n : directions(static_cast<int>(12.6F * radius * radius / (spacing * spacing))))
+      add(centre + radius * n, n);
+    draw(geometry);
+    const glm::vec3 down = (centre.y + 1) / key().y * key(), middle = centre - down;
+    for (int i = 0; i < 16; ++i) {
+      const float a = 0.3926991F * static_cast<float>(i);
+      const glm::vec3 around(std::cos(a), 0, std::sin(a));
+      for (const float within : {0.0F, 0.15F, 0.3F})
+        EXPECT_GT(darker_at(middle + within * around), 25) << along << ", " << within << " at " << a;
+      EXPECT_LT(darker_at(middle + 1.1F * around), 3) << along << " at " << a;
+    }
   }
 }
 
