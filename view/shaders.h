@@ -49,7 +49,7 @@ void main() {
   float r = discs * disc_radius, point_px = max(2.0 * r * px_per_unit, 1.0);
   vec3 plane = light_turn * (scene_from_normal * normal);
   plane = dot(plane, plane) > 0.0 ? normalize(plane) : vec3(0.0, 0.0, 1.0);
-  // A grazing disc keeps a texel's width.
+  // A grazing disc keeps a quarter of its width, so that the shadows of limbs have no holes, and a texel.
   slope = -plane.xy / (max(abs(plane.z), max(0.25, 1.5 / (point_px + 1.5))) * (plane.z < 0.0 ? -1.0 : 1.0));
   depth_per_radius = r * depth_per_unit;
   gl_PointSize = point_px;
