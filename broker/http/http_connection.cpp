@@ -477,7 +477,8 @@ void HttpConnection::settle() {
   const TimeUs wait_us = std::max(settle_us_, take_work(kReadUs, kMaxReadWaitUs).value_or(kMaxReadWaitUs));
   run_after(*settling_, std::chrono::microseconds(wait_us), [self = shared_from_this()] {
     const auto go = [self] { self->settle(); };
-    if (self->take_turn(kReadUs, 0, go)) go();
+    // Closed, or a WebSocket by now, whose payer has gone with it.
+    if (self->transport_.socket().is_open() && self->take_turn(kReadUs, 0, go)) go();
   });
 }
 

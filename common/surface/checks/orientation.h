@@ -21,9 +21,9 @@ struct OrientedPatches {
 /// As far as that is possible; the first face of each patch stays. O(uses + F).
 OrientedPatches oriented_patches(std::span<const EdgeUse> uses, std::size_t face_count);
 
-/// The faces to turn where neighbours contradict one another, or a closed surface is wound inwards, in F; empty: neither
-/// is so, or it is a point cloud. Vertices at one position count as one. Each patch faces the side from which more rays
-/// leave the surface, else the wider one, else that of most of its area (after Takayama et al. 2014, "A simple method
+/// The faces to turn where neighbours contradict one another, or a closed surface is wound inwards, in F; empty: none,
+/// or it is a point cloud. Vertices at one position count as one. Each patch faces the side from which more rays leave
+/// the surface, else the wider one, else that of most of its area (after Takayama et al. 2014, "A simple method
 /// for correcting facet orientations in polygon meshes based on ray casting"). Always the same for the same surface. At
 /// most 2^19 rays.
 /// REQUIRES: check_values(surface).
