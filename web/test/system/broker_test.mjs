@@ -185,7 +185,7 @@ test('APoseHasOneTimecodeLiveInThePastAndRecorded', { skip: !existsSync(join(BIN
   const playing = startSender(broker, 'lab/heart'), began = Date.now();
   /** Poses as they were sent, until they are `enough`: when each was captured, by its coefficients. */
   const seen = async (name, enough, ...what) => {
-    const shown = join(programs.folder, `timecode-${name}.jsonl`), viewer = programs.start('eigencast-client', ...what, '--headless', '--size=64x48', `--record-shown=${shown}`, '--wait=150');
+    const shown = join(programs.folder, `timecode-${name}.jsonl`), viewer = programs.start('eigencast-client', ...what, '--headless', '--size=64x48', `--record-shown=${shown}`, ...(what[0] === url ? ['--wait=150'] : []));
     const poses = () => (existsSync(shown) ? readFileSync(shown, 'utf8').split('\n').slice(0, -1) : []).map((line) => JSON.parse(line)).filter((one) => one.shown === 'live' && !one.settling && one.utc_us !== null);
     const times = () => {
       const by = new Map();
