@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,7 @@ class Ownership;
 class Recorder;
 class Rooms;
 class Turn;
+class Upload;
 
 /// What the event loops of a broker share; outlives them. Thread-safe unless said otherwise.
 struct SharedContext {
@@ -75,7 +77,8 @@ struct Context : SharedContext {
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;
-  bool disk_fails = false;  ///< The data folder takes no files. Of the first loop.
+  std::set<Upload*> uploads{};  ///< That hold a slot. Of the first loop.
+  bool disk_fails = false;      ///< The data folder takes no files. Of the first loop.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< For the connection being read.
 };
 

@@ -7,7 +7,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <ctime>
+#include <map>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 #include "broker/http/http_target.h"
 #include "broker/storage/asset_store.h"
@@ -120,7 +123,14 @@ class Download : public std::enable_shared_from_this<Download> {
   std::vector<char> chunk_;
 };
 
-/// The answer to one PUT. Counts in uploads_now and holds a slot of `grant` while it lives, until end().
+/// Whether limits.max_uploads leaves a quarter to others than it.
+bool is_stranger(const Grant& grant) {
+  return grant.identity().key.empty() && !grant.identity().local;
+}
+
+}  // namespace
+
+/// The answer to one PUT. Counts in uploads_now and holds a slot of `grant` while it lives, until leave().
 class Upload : public std::enable_shared_from_this<Upload> {
  public:
   Upload(HttpConnection& connection, Grant& grant)
@@ -129,8 +139,19 @@ class Upload : public std::enable_shared_from_this<Upload> {
         grant_(grant),
         watch_(context_.loop.get_executor()) {
     ++context_.counters.uploads_now;
+    context_.uploads.insert(this);
   }
   ~Upload() { end(); }
+
+  const Grant& grant() const { return grant_; }
+  TimeUs behind_us(TimeUs now_us) const { return pace_.behind_us(now_us); }
+  /// For a newcomer, at once.
+  void give_way() {
+    leave();
+    if (!denied_) denied_ = Denial{503, "too many uploads at a time: others have none yet, try again", 1};
+    ErrorOf ignored;
+    connection_->transport().socket().cancel(ignored);  // watch() does it again, if it waits for something else now.
+  }
 
   void start(const Sha256& id) {
     watch();
@@ -162,6 +183,9 @@ class Upload : public std::enable_shared_from_this<Upload> {
       return Denial{
           408, "the upload took longer than timeouts.upload_ms = " + std::to_string(most_ms) + ": try a faster link"};
     }
+    if (pace_.behind_us(now_us) > context_.config.timeouts.transfer_ms * 1000) {
+      return Denial{408, "the upload stays behind 4,000 bytes a second: try a faster link"};
+    }
     if (grant_.has_expired(now_unix_s)) return Denial{401, "the token has expired: upload with a new one", 0, true};
     if (grant_.is_void()) return Denial{401, "the rights of this upload have changed: try again", 0, true};
     return std::nullopt;
@@ -180,11 +204,13 @@ class Upload : public std::enable_shared_from_this<Upload> {
     if (denied_) return refuse(*denied_);
     if (connection_->is_body_read()) return commit();
     connection_->arm(context_.config.timeouts.transfer_ms);
+    pace_.begin_reading(steady_now_us());
     connection_->read_body(
         chunk_, [self = shared_from_this()](ErrorOf error, std::size_t count) { self->on_body_read(error, count); });
   }
 
   void on_body_read(ErrorOf error, std::size_t count) {
+    pace_.end_reading(steady_now_us(), count);
     if (denied_) return refuse(*denied_);
     if (HttpConnection::is_body_limit(error)) {
       return fail_with(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
@@ -251,7 +277,11 @@ class Upload : public std::enable_shared_from_this<Upload> {
   void end() {
     upload_.reset();
     watch_.cancel();
-    if (!std::exchange(counted_, false)) return;
+    leave();
+  }
+
+  void leave() {
+    if (context_.uploads.erase(this) == 0) return;
     --context_.counters.uploads_now;
     grant_.give_back(Resource::kUpload);
   }
@@ -262,12 +292,37 @@ class Upload : public std::enable_shared_from_this<Upload> {
   Timer watch_;
   const TimeUs began_us_ = steady_now_us();
   std::optional<Denial> denied_;
-  bool counted_ = true;
+  UploadPace pace_;
   std::unique_ptr<AssetStore::Upload> upload_;
   std::vector<std::uint8_t> chunk_;
   std::uint64_t chunks_ = 0;    ///< Of the body, paid for.
   std::shared_ptr<void> held_;  ///< Counts chunk_ and the buffer before it.
 };
+
+namespace {
+
+/// That `newcomer` counts with.
+std::vector<Upload*> uploads_beside(const Context& context, const Grant& newcomer) {
+  std::vector<Upload*> beside;
+  for (Upload* const upload : context.uploads) {
+    if (!is_stranger(newcomer) || is_stranger(upload->grant())) beside.push_back(upload);
+  }
+  return beside;
+}
+
+/// Ends the slowest of the holder with the most, if that has several and `newcomer` has none.
+bool make_room(const std::vector<Upload*>& beside, const Grant& newcomer) {
+  std::map<const void*, int> counts;
+  for (const Upload* const upload : beside) ++counts[upload->grant().purse()];
+  const auto rank = [&, now_us = steady_now_us()](const Upload* upload) {
+    return std::pair(counts.at(upload->grant().purse()), upload->behind_us(now_us));
+  };
+  const auto worst = std::max_element(beside.begin(), beside.end(),
+                                      [&](const Upload* one, const Upload* other) { return rank(one) < rank(other); });
+  if (worst == beside.end() || rank(*worst).first < 2 || counts.contains(newcomer.purse())) return false;
+  (*worst)->give_way();
+  return true;
+}
 
 }  // namespace
 
@@ -277,9 +332,13 @@ void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   Context& context = connection.context();
-  const std::int64_t max = context.config.limits.max_uploads;
-  const auto now = static_cast<std::int64_t>(context.counters.uploads_now);
-  if (now >= max) {
+  const std::int64_t all = context.config.limits.max_uploads, max = is_stranger(grant) ? all - all / 4 : all;
+  const auto beside = uploads_beside(context, grant);
+  auto now = static_cast<std::int64_t>(beside.size());
+  const bool is_full = now >= max || static_cast<std::int64_t>(context.uploads.size()) >= all;
+  if (is_full && make_room(beside, grant)) {
+    --now;
+  } else if (is_full) {
     return connection.answer_error(HttpStatus::kServiceUnavailable,
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                                    {{"Retry-After", "1"}});

@@ -1,10 +1,30 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <optional>
+
 #include "broker/http/http_connection.h"
+#include "broker/websocket/reader.h"
+#include "common/core/clock.h"
 #include "common/core/hash/sha256.h"
 
 namespace eigencast::broker {
+
+/// How far an upload is behind the pace of messages (MessageReader::kUsPerByte), on average; only the time that the
+/// broker waits for its bytes counts.
+class UploadPace {
+ public:
+  void begin_reading(TimeUs now_us) { since_us_ = now_us; }
+  void end_reading(TimeUs now_us, std::size_t bytes) {
+    behind_us_ = behind_us(now_us) - websocket::MessageReader::kUsPerByte * static_cast<TimeUs>(bytes);
+    since_us_.reset();
+  }
+  TimeUs behind_us(TimeUs now_us) const { return behind_us_ + (since_us_ ? now_us - *since_us_ : 0); }
+
+ private:
+  TimeUs behind_us_ = 0;
+  std::optional<TimeUs> since_us_;
+};
 
 // Both keep the connection alive meanwhile; `grant` outlives the answer. The disk's threads read and write files.
 

@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "broker/access/token_file.h"
+#include "broker/http/asset_transfer.h"
 #include "broker/http/http_connection.h"
 #include "common/core/clock.h"
 #include "tests/unit/broker/service.h"
@@ -84,6 +86,59 @@ TEST_F(HttpSessionTest, DownloadsThatAreNotReadHoldNoFile) {
   for (const auto& wire : wires) {
     EXPECT_LT(wire->read_all().value_or("").size(), content.size()) << "cut off, not of other bytes";
   }
+}
+
+TEST_F(HttpSessionTest, StrangersLeaveUploadsToTokensAndToEachOther) {
+  stop();
+  const auto token = create_static_token("camera", {"**"}, {}, false);
+  std::ofstream(folder_ + "/tokens") << token->line << "\n";
+  std::filesystem::permissions(folder_ + "/tokens", std::filesystem::perms::owner_read);
+  config_.access.tokens_file = folder_ + "/tokens";
+  config_.access.anonymous = "anywhere";
+  config_.proxy.trusted = {"127.0.0.1"};
+  config_.limits.max_uploads = 16;
+  start();
+  const auto put = [&](const std::string& who, const std::string& body, std::size_t length) {
+    auto wire = std::make_unique<Wire>(port_);
+    wire->write("PUT /v1/assets/" + name_of_asset(body) + " HTTP/1.1\r\nHost: localhost\r\n" + who +
+                "\r\nConnection: close\r\nContent-Length: " + std::to_string(length) + "\r\n\r\n" + body);
+    return wire;
+  };
+  const auto whole = [&](const std::string& who, const std::string& body) {
+    return put(who, body, body.size())->read_all().value_or("reset");
+  };
+  const auto from = [](int address) { return "X-Forwarded-For: 192.0.2." + std::to_string(address); };
+  const auto under_way = [&] {
+    const std::string text = http_request(admin_port_, "GET", "/metrics").body, name = "\neigencast_broker_uploads ";
+    return std::stoi(text.substr(text.find(name) + name.size()));
+  };
+  std::vector<std::unique_ptr<Wire>> held;
+  for (int address = 1; address <= 10; ++address) {
+    for (int i = 0; i < 8; ++i) {
+      held.push_back(put(from(address), "half", 10'000));
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  }
+  while (under_way() < 12) std::this_thread::yield();
+  EXPECT_EQ(under_way(), 12) << "three quarters";
+  const std::string bearer = from(1) + "\r\nAuthorization: Bearer " + token->token;
+  EXPECT_THAT(whole(bearer, "of a token"), StartsWith("HTTP/1.1 201"));
+  EXPECT_THAT(whole(from(1), "of one who has some"), StartsWith("HTTP/1.1 503"));
+  EXPECT_THAT(whole(from(100), "of a newcomer"), StartsWith("HTTP/1.1 201"));
+  EXPECT_EQ(under_way(), 11) << "a slow one of who had most has ended";
+}
+
+TEST(UploadPace, OnlyTheTimeSpentWaitingForBytesCounts) {
+  UploadPace pace;
+  EXPECT_EQ(pace.behind_us(1'000'000), 0);
+  pace.begin_reading(1'000'000);
+  EXPECT_EQ(pace.behind_us(21'000'000), 20'000'000);
+  pace.end_reading(21'000'000, 40'000);
+  EXPECT_EQ(pace.behind_us(90'000'000), 10'000'000) << "40,000 bytes are what 10 s bring";
+  pace.begin_reading(90'000'000);
+  EXPECT_EQ(pace.behind_us(91'000'000), 11'000'000);
+  pace.end_reading(91'000'000, 1'000'000);
+  EXPECT_LT(pace.behind_us(91'000'000), 0) << "fast on average";
 }
 
 TEST_F(HttpSessionTest, HeadsOfManyFieldsAreRefused) {
