@@ -103,6 +103,12 @@ void AssetExchange::fetch(const std::string& owner, const Sha256& asset, const s
     under_way->second->done.push_back(std::move(done));
     return;
   }
+  const auto is_of_name = [name = name_of_broker(owner)](const auto& item) {
+    return name_of_broker(item.first.first) == name;
+  };
+  if (transfers_.size() >= kMaxTransfers ||
+      std::count_if(transfers_.begin(), transfers_.end(), is_of_name) >= kMaxOfName)
+    return done(fail(ErrorCode::kRefused, "too many assets of other brokers are on their way"));
   auto transfer = std::make_shared<Transfer>();
   transfer->owner = owner;
   transfer->payer = payer;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -29,6 +30,9 @@ class AssetExchange {
   static constexpr std::size_t kMaxAnswers = 64;
   static constexpr TimeUs kWholeUs = 60'000'000;   ///< An asset that came whole is not asked about again for so long.
   static constexpr std::size_t kMaxWhole = 4'096;  ///< Assets of which that is known.
+  /// Transfers under way: of one broker's name, and in all. Further ones are refused: each may take descriptors.
+  static constexpr std::ptrdiff_t kMaxOfName = 16;
+  static constexpr std::size_t kMaxTransfers = 256;
   static constexpr TimeUs kTimeoutUs = 3'000'000;
 
   using Work = std::function<void()>;
@@ -42,7 +46,8 @@ class AssetExchange {
 
   void serve(const std::string& self);
   /// Calls `done` when object `asset` and its references are in the store, at once if they are; `payer` holds what is
-  /// new there. Errors: kNotFound (at the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
+  /// new there. Errors: kNotFound (at the owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge, kRefused
+  /// (at once: too many are under way).
   void fetch(const std::string& owner, const Sha256& asset, const std::string& payer, TimeUs now_us, Done done);
   const AssetStore& store() const { return store_; }
   void stop();

@@ -51,6 +51,7 @@ struct Following::Remote final : PublisherLink {
   Phase phase = Phase::kWaiting;
   TimeUs next_us = 0;
   std::string next = {};  ///< As in the directory; fetched for the viewers here.
+  bool fetches_next = false;
   bool watched = true;
   TimeUs watched_us = 0;               ///< When the stream last had watchers.
   std::shared_ptr<void> subscription;  ///< To keys that need no memory; null: `recalls`.
@@ -199,16 +200,24 @@ void Following::fetch_next(const RemotePtr& remote) {
   const DirectoryEntry& entry = remote->entry;
   if (holder == nullptr || holder->owner != entry.owner || holder->epoch != entry.epoch || holder->next == remote->next)
     return;
-  if (!may_tell(*remote)) return;
-  remote->next = holder->next;
+  if (remote->fetches_next || !may_tell(*remote)) return;
+  const std::string former = std::exchange(remote->next, holder->next);
   const auto asset = Sha256::from_hex(remote->next);
   if (!asset) {
     remote->stream->prepare(nullptr);
     return hub_->mark_dirty(*remote->stream);
   }
-  const auto took = [this, weak = std::weak_ptr(remote), id = remote->next](const Result<void>& fetched) {
+  remote->fetches_next = true;
+  const auto took = [this, weak = std::weak_ptr(remote), id = remote->next, former](const Result<void>& fetched) {
     const auto still = weak.lock();
-    if (!fetched || !still || still->stream == nullptr || still->next != id) return;
+    if (!still || still->stream == nullptr) return;
+    still->fetches_next = false;
+    if (!fetched && fetched.error().code == ErrorCode::kRefused) {  // Again at the next sweep.
+      still->next = former;
+      return;
+    }
+    note(still->stream->name());  // Another may be known by now.
+    if (!fetched) return;
     still->stream->prepare(std::make_shared<const control::StreamInfo::Next>(control::StreamInfo::Next{id, 1}));
     hub_->mark_dirty(*still->stream);
   };

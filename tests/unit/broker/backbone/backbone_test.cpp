@@ -133,6 +133,27 @@ TEST_F(BackboneTest, AnAssetIsAskedAboutOnceAMinuteWhateverIsAnnounced) {
   EXPECT_EQ(announce(), 0);
 }
 
+TEST_F(BackboneTest, TransfersThatBrokersStartAreFew) {
+  FakeLink link(network);
+  const auto at_once = [](const std::function<void()>& work) { work(); };
+  AssetExchange exchange(link, *a().store, "test", at_once, at_once);
+  int refused = 0;
+  std::size_t size = 0;
+  const auto fetch = [&](const std::string& owner) {
+    exchange.fetch(owner, sha256(content(1, ++size)), "payer", now,
+                   [&](const Result<void>& done) { refused += !done && done.error().code == ErrorCode::kRefused; });
+    return refused;
+  };
+  for (int i = 0; i < 100; ++i) fetch("evil." + std::to_string(i % 3));
+  EXPECT_EQ(std::exchange(refused, 0), 100 - 16) << "whatever its run";
+  EXPECT_EQ(fetch("good.1"), 0);
+  for (int i = 0; i < 1'000; ++i) fetch("many" + std::to_string(i) + ".1");
+  EXPECT_EQ(std::exchange(refused, 0), 1'000 - (256 - 17));
+  network.run();  // Nobody answers.
+  EXPECT_EQ(fetch("evil.1"), 0);
+  network.run();
+}
+
 TEST_F(BackboneTest, AFloodOfQuestionsForAssetsWaitsInAShortQueue) {
   FakeLink link(network), evil(network);
   std::vector<std::function<void()>> waiting;
