@@ -296,7 +296,8 @@ void HttpConnection::read_head() {
   unfinished_.reset();
   if (wire_->buffer.capacity() > Grant::kFreeBytes) wire_->buffer.shrink_to_fit();
   wire_->buffer.max_size(Grant::kFreeBytes);
-  arm(limits().head_ms);
+  // What the peer has not taken of the answer before has that one's time.
+  arm(output_ ? std::max(limits().head_ms, limits().transfer_ms) : limits().head_ms);
   read_more_head();
 }
 

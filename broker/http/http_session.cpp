@@ -309,6 +309,7 @@ class HttpSession final : public HttpConnection {
 
   /// `first`: the stream of the URL.
   void subscribe(std::optional<control::Subscribe> first) {
+    transport().widen_receive_buffer(nullptr);
     disarm();
     std::string answer = upgrade_answer();
     Context& there = context().loops.least_busy();

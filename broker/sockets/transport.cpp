@@ -220,7 +220,7 @@ std::size_t Transport::unread() {
 void Transport::widen_receive_buffer(std::shared_ptr<void> held) {
   if (wide_) return;
   wide_ = std::move(held);
-  const int most = wide_ ? kWideBytes : kSenderBytes;
+  const int most = wide_ ? kWideBytes : kSocketBytes;
   ErrorOf ignored;
   const int socket = socket_.native_handle();
   bool grows = fix_buffer(socket, KernelBuffer::kReceive, false);

@@ -88,15 +88,17 @@ class Transport {
   void limit_send_buffer(int bytes);  ///< In all (SO_SNDBUF): twice that, and a segment. 0: the kernel's choice.
   std::size_t unread();               ///< Bytes that have come and wait to be read.
   /// From kReceiveBytes, for who may send much: with a round trip of 100 ms some 10 MB a second, where `held` counts
-  /// kWideBytes, which stay for the connection; null: to kSenderBytes.
+  /// kWideBytes, which stay for the connection; null: to kSocketBytes.
   void widen_receive_buffer(std::shared_ptr<void> held);
   bool is_wide() const { return wide_ != nullptr; }
 
   // Its memory for what comes until it is read, some of it its own: half to nearly all is left for bytes.
 
-  /// Handshakes, requests and viewers need no more, and a crowd that is read later must not fill its memory.
+  /// Handshakes and requests need no more, and a crowd that is read later must not fill its memory.
   static constexpr int kReceiveBytes = 32 * 1024;
-  static constexpr int kSenderBytes = 128 * 1024;
+  /// Of a WebSocket: the kernel drops packets that it finds no room for, be their bytes few, and with them what they
+  /// acknowledge.
+  static constexpr int kSocketBytes = 128 * 1024;
   static constexpr int kWideBytes = 2 * 1024 * 1024;
 
   template <typename Handler>

@@ -135,7 +135,7 @@ TEST_F(ListenerTest, WindowsHaveAScale) {
 
 /// It grows for who may send much, and no further while that is read.
 TEST_F(ListenerTest, SendersHaveMoreRoomAndALimit) {
-  const std::pair<std::shared_ptr<void>, int> cases[] = {{nullptr, Transport::kSenderBytes},
+  const std::pair<std::shared_ptr<void>, int> cases[] = {{nullptr, Transport::kSocketBytes},
                                                          {std::make_shared<int>(), Transport::kWideBytes}};
   for (const auto& [held, most] : cases) {
     ASSERT_TRUE(listener_.open({"127.0.0.1", 0}));
