@@ -81,7 +81,7 @@ bool UseCount::take(std::int64_t max, std::int64_t amount) {
 
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
-         unfinished_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
+         unfinished_bytes.is_idle() && wide_bytes.is_idle() && messages.is_idle(now_us) && requests.is_idle(now_us) &&
          listings.is_idle(now_us) && work.is_idle(now_us) && poses.is_idle(now_us) && profile_keys.is_idle(now_us) &&
          deliveries.is_idle(now_us) && news.is_idle(now_us) && http_work.is_idle(now_us) &&
          upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) && failures.is_idle(now_us) &&
@@ -281,6 +281,18 @@ Result<std::shared_ptr<void>> Grant::hold_bytes(std::size_t bytes, double part) 
     all.give_back(amount);
   };
   return std::shared_ptr<void>(holder.account.get(), give_back);
+}
+
+Result<std::shared_ptr<void>> Grant::hold_wide(std::size_t bytes) const {
+  const auto amount = static_cast<std::int64_t>(bytes);
+  const std::int64_t max = policy_->max_unfinished_bytes() / 2, own = site_->wide_bytes.count();
+  if (own + amount > share_of(max, gate_.wide_bytes_.count(), own)) return too_few_free("max_unfinished_bytes", max);
+  site_->wide_bytes.add(amount);
+  gate_.wide_bytes_.add(amount);
+  return std::shared_ptr<void>(site_.get(), [site = site_, amount, &all = gate_.wide_bytes_](void*) {
+    site->wide_bytes.give_back(amount);
+    all.give_back(amount);
+  });
 }
 
 std::string Grant::holder() const {

@@ -55,7 +55,7 @@ class UseCount {
 /// Usage of one address or token. Thread-safe.
 struct Account {
   std::array<UseCount, kResources> resources;
-  UseCount unfinished_bytes;
+  UseCount unfinished_bytes, wide_bytes;
   RateLimiter messages;
   RateLimiter requests;
   RateLimiter listings;
@@ -143,6 +143,9 @@ class Grant {
   /// (null). Only `part` of what it may have counts as there. Errors: kRefused.
   static constexpr std::size_t kFreeBytes = 4096;
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes, double part = 1) const;
+  /// Memory that stays as long as its connection: counts apart, towards share_of() half as much, so that what comes and
+  /// goes finds its share whatever stays. Errors: kRefused.
+  Result<std::shared_ptr<void>> hold_wide(std::size_t bytes) const;
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
@@ -243,7 +246,7 @@ class Gate {
   std::shared_ptr<const AccessPolicy> policy_;  ///< GUARDED_BY(policy_mutex_)
   Ledger addresses_;
   Ledger tokens_;
-  UseCount watched_streams_, unfinished_bytes_;
+  UseCount watched_streams_, unfinished_bytes_, wide_bytes_;
   std::atomic<std::uint64_t> denied_{0};
 };
 

@@ -432,9 +432,7 @@ void HttpConnection::widen() {
 }
 
 void HttpConnection::widen_receive_buffer() {
-  std::shared_ptr<void> held;
-  (void)store(held, hold_bytes(Transport::kWideBytes, kWidePart));
-  transport_.widen_receive_buffer(std::move(held));
+  transport_.widen_receive_buffer(hold_wide(Transport::kWideBytes));
 }
 
 void HttpConnection::send_rest(const std::shared_ptr<Outgoing>& out) {

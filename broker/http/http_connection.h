@@ -158,6 +158,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   /// As Grant::hold_bytes().
   virtual Result<std::shared_ptr<void>> hold_bytes(std::size_t, double = 1) const { return std::shared_ptr<void>(); }
+  virtual std::shared_ptr<void> hold_wide(std::size_t) const { return nullptr; }  ///< Null: none is left.
   /// Takes what sending costs from its holder's budget; how long it must wait.
   virtual TimeUs take_sending(double /*us*/) { return 0; }
   const Context& context() const { return context_; }

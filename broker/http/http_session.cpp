@@ -88,6 +88,10 @@ class HttpSession final : public HttpConnection {
   Result<std::shared_ptr<void>> hold_bytes(std::size_t bytes, double part) const override {
     return payer().hold_bytes(bytes, part);
   }
+  std::shared_ptr<void> hold_wide(std::size_t bytes) const override {
+    auto held = payer().hold_wide(bytes);
+    return held ? std::move(*held) : nullptr;
+  }
   TimeUs take_sending(double us) override {
     return payer().is_spared() ? 0 : *payer().take_http_work(us, steady_now_us(), kForeverUs);
   }

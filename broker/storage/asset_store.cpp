@@ -231,8 +231,12 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   struct stat status = {};
   if (::fstat(file.get(), &status) != 0) return io_error("asset " + id.hex(), errno);
   if (touch) ::futimens(file.get(), nullptr);
-  if (is_unread && !check(id, file.get()))
-    return fail(ErrorCode::kNotFound, "asset " + id.hex() + " is damaged on the broker's disk: upload it again");
+  if (is_unread) {
+    const auto whole = check(id, file.get());
+    if (!whole) return whole.error();
+    if (!*whole)
+      return fail(ErrorCode::kNotFound, "asset " + id.hex() + " is damaged on the broker's disk: upload it again");
+  }
   std::array<std::uint8_t, kSegmentMagic.size()> magic{};
   const bool is_segment =
       ::pread(file.get(), magic.data(), magic.size(), 0) == ssize_t{magic.size()} && magic == kSegmentMagic;
@@ -247,14 +251,15 @@ Error AssetStore::note_gone(const Sha256& id) const {
   return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
 }
 
-bool AssetStore::check(const Sha256& id, int file) const {
+Result<bool> AssetStore::check(const Sha256& id, int file) const {
   Sha256Stream hash;
   Bytes piece(kCheckedBytes);
   off_t at = 0;
   ssize_t got = 0;
   for (; (got = ::pread(file, piece.data(), piece.size(), at)) > 0; at += got)
     hash.update(ByteView(piece).first(static_cast<std::size_t>(got)));
-  const bool is_whole = got == 0 && hash.finish() == id;
+  if (got < 0) return io_error("asset " + id.hex(), errno);
+  const bool is_whole = hash.finish() == id;
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(id);
   // An upload may have replaced the file.

@@ -186,8 +186,8 @@ class AssetStore final : public StreamTap {
   void note_durable(const Sha256& id);
   void insert(const Sha256& id, Entry entry);  ///< As the one used last. REQUIRES: mutex_, and that it is charged.
   void erase(std::unordered_map<Sha256, Entry, IdHash>::iterator entry);  ///< REQUIRES: mutex_.
-  /// Reads a file that nobody has read since the start. False: it is not what its name says.
-  bool check(const Sha256& id, int file) const;
+  /// Reads a file that nobody has read since the start. False: it is not what its name says. Errors: kIo.
+  Result<bool> check(const Sha256& id, int file) const;
   Error note_gone(const Sha256& id) const;
   /// Makes a verified file an object. False: it existed; counts as a use.
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size, Holder& holder);

@@ -236,7 +236,8 @@ void Recorder::run() {
     const bool last = [&] {
       std::unique_lock lock(mutex_);
       if (!behind) stop_.wait_for(lock, std::chrono::microseconds(kFlushEveryUs), [this] { return stopping_; });
-      until_us = stopping_ ? end_us_ : steady_now_us() + kFlushEveryUs;
+      // What was held up by others before the end has as long as at any time.
+      until_us = std::max(stopping_ ? end_us_ : 0, steady_now_us() + kFlushEveryUs);
       return stopping_;
     }();
     behind = !work_until(until_us);

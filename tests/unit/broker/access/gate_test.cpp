@@ -922,6 +922,23 @@ TEST_F(GateTest, CrowdsLeaveUnfinishedBytesToNewcomers) {
   EXPECT_TRUE(sender->hold_bytes(1 << 20));
 }
 
+TEST_F(GateTest, WhatStaysTakesNothingFromWhatComesAndGoes) {
+  config_.limits.max_unfinished_bytes = 256 << 20;
+  std::vector<std::shared_ptr<void>> held;
+  std::vector<GrantPtr> senders;
+  for (int i = 0; i < 8; ++i) {
+    const std::string number = std::to_string(i);
+    senders.push_back(let_in(request_from(("9.9.9." + number).c_str(), token_for("sends" + number, {"**"}, {}))));
+    for (auto more = senders.back()->hold_wide(2 << 20); more; more = senders.back()->hold_wide(2 << 20))
+      held.push_back(*more);
+  }
+  EXPECT_GT(held.size(), 16u);
+  EXPECT_LE(held.size(), 64u) << "half of it";
+  for (const GrantPtr& sender : senders) EXPECT_TRUE(sender->hold_bytes(1 << 20)) << "a frame that comes in two parts";
+  held.clear();
+  EXPECT_TRUE(senders.back()->hold_wide(2 << 20));
+}
+
 TEST(RateLimiterTest, EndlessBurstIsPaidLater) {
   RateLimiter pace;
   constexpr double kEndless = std::numeric_limits<double>::infinity();
