@@ -45,6 +45,8 @@ struct Identity {
   Sha256 token_hash;        ///< For fixed tokens.
   Rights rights;
   std::optional<std::int64_t> expires_s;
+
+  bool is_stranger() const { return key.empty() && !local; }
 };
 
 /// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().

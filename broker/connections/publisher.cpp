@@ -132,7 +132,7 @@ void Publisher::on_announce(control::Announce announce) {
   const auto secret = new_resume_secret();
   if (!secret) return answer(secret.error());
   resume.issued = resume_proof(*secret, identity.key);
-  const StreamHolder holder{grant().holder(), identity.key.empty() && !identity.local, grant().is_spared()};
+  const StreamHolder holder{grant().holder(), identity.is_stranger(), grant().is_spared()};
   const auto charge = [this] { return grant().hold(Resource::kSentStream); };
   if (auto admitted = context().hub.admit(*stream_, holder, announce.format, charge); !admitted) {
     log(context().log, LogLevel::kWarning, name() + ": refused, " + admitted.error().message);
@@ -165,8 +165,7 @@ void Publisher::announce_prepared() {
     context().hub.mark_dirty(*stream_);
     send_error(error, name_);
   };
-  const StreamHolder holder{grant().holder(), grant().identity().key.empty() && !grant().identity().local,
-                            grant().is_spared()};
+  const StreamHolder holder{grant().holder(), grant().identity().is_stranger(), grant().is_spared()};
   if (!context().assets.contains(*Sha256::from_hex(announce.asset)))
     return refuse_it(fail(ErrorCode::kNotFound, "asset " + announce.asset + " is not here any more"));
   const auto epoch = context().ownership.next_epoch(name_);

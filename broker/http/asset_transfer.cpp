@@ -123,11 +123,6 @@ class Download : public std::enable_shared_from_this<Download> {
   std::vector<char> chunk_;
 };
 
-/// Whether limits.max_uploads leaves a quarter to others than it.
-bool is_stranger(const Grant& grant) {
-  return grant.identity().key.empty() && !grant.identity().local;
-}
-
 }  // namespace
 
 /// The answer to one PUT. Counts in uploads_now and holds a slot of `grant` while it lives, until leave().
@@ -305,7 +300,7 @@ namespace {
 std::vector<Upload*> uploads_beside(const Context& context, const Grant& newcomer) {
   std::vector<Upload*> beside;
   for (Upload* const upload : context.uploads) {
-    if (!is_stranger(newcomer) || is_stranger(upload->grant())) beside.push_back(upload);
+    if (!newcomer.identity().is_stranger() || upload->grant().identity().is_stranger()) beside.push_back(upload);
   }
   return beside;
 }
@@ -332,7 +327,9 @@ void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   Context& context = connection.context();
-  const std::int64_t all = context.config.limits.max_uploads, max = is_stranger(grant) ? all - all / 4 : all;
+  // A quarter is left to tokens.
+  const std::int64_t all = context.config.limits.max_uploads;
+  const std::int64_t max = grant.identity().is_stranger() ? all - all / 4 : all;
   const auto beside = uploads_beside(context, grant);
   auto now = static_cast<std::int64_t>(beside.size());
   const bool is_full = now >= max || static_cast<std::int64_t>(context.uploads.size()) >= all;
